@@ -123,18 +123,12 @@ GAP = Table(
 )
 
 
-class Recording(View):
-    """Of what kind the recording is."""
-
-    kind: str
-
-
 class PlantOfRecording(View):
     """The plant simulates what is measured, from signals that are."""
 
     stages: list[str] | None
     measured: Any
-    measurement: Recording
+    measurement: dict[str, Any]
     columns: dict[str, str | None]
     plant: Machine
 
@@ -142,7 +136,7 @@ class PlantOfRecording(View):
     def _find_signals(self) -> Self:
         if self.measured is not None and self.stages != ["measurement"]:
             signals = [name for name in self.columns if name not in ("record", "part", "time_s")]
-            check_plant(self.plant, self.measurement.kind, signals)
+            check_plant(self.plant, self.measurement["kind"], signals)
         return self
 
 

@@ -146,12 +146,6 @@ class Measurement(Section):
     blocks: Annotated[int, Field(ge=2, le=10000)]
 
 
-class Stages(View):
-    """Which stages the workflow has."""
-
-    stages: list[str]
-
-
 def check_one(value: Any) -> Any:
     """Refuse a list of paths."""
     if isinstance(value, list):
@@ -162,12 +156,12 @@ def check_one(value: Any) -> Any:
 class SomethingMeasured(View):
     """There is a path, or a stage that records."""
 
-    workflow: Stages
+    workflow: dict[str, Any]
     measured: Annotated[str | None, BeforeValidator(check_one)]
 
     @model_validator(mode="after")
     def _find_source(self) -> Self:
-        if self.measured is None and not {"hardware", "blinded_session"} & set(self.workflow.stages):
+        if self.measured is None and not {"hardware", "blinded_session"} & set(self.workflow["stages"]):
             raise ValueError(
                 "measured: expected what was measured (a folder with samples.parquet and meta.json, or one .parquet, "
                 ".csv, .mat or .mcap file, or a ROS 2 bag), got null; set measured=PATH"

@@ -56,22 +56,13 @@ def weigh_names(
     most_evidence: float,
     worth: Callable[[str, list[str], Array], bool],
 ) -> Verdicts:
-    """Return the probability of each name.
+    """Return the probability of each name, by scores without and with a static map.
 
-    Parameters
-    ----------
-    alone, beside : Beside
-        Scores without and with a static map.
-    channels : sequence of str
-        Channel of each output; a name is carried by outputs of one channel, a static map by all of a channel.
-    priors : mapping of str to float
-        Prior probability of each name, of nothing and, in each channel, of a static map. That of a name is shared
-        evenly by the numbers of outputs that may carry it, by the sets of that number, and by the forms.
-    most_evidence : float
-        Largest log ratio of two likelihoods that is believed, nats; larger ones are scaled down to it, all alike.
-    worth : callable
-        Whether a name would close a gap that matters, given its form in every output and the probability of each
-        output; one that would not has no probability, however sure its small gain is.
+    A name is carried by outputs of one channel, a static map by all of a channel; `channels` has that of each output.
+    The prior probability of a name is shared evenly by the numbers of outputs that may carry it, by the sets of that
+    number, and by the forms; that of a static map is of each channel. Log ratios of two likelihoods, nats, are scaled
+    down, all alike, to `most_evidence` at most. A name is `worth` it, given its form in every output and the
+    probability of each output, if it would close a gap that matters; else it has none, however sure its small gain is.
 
     Notes
     -----

@@ -117,7 +117,10 @@ class FittedChannel:
 def prepare(output: OutputChannel) -> FittedChannel:
     """Fit an output's nominal constants, and estimate its noise from what a flexible model leaves."""
     model = Model(output)
-    rough = _fit_constants(model)
+    begun = {each.name: value for each, value in zip(output.constants, model.start, strict=True)}
+    starts = [np.array(list((begun | other).values())) for other in ({}, *output.other_starts)]
+    plain = [fit_plain(model, start, 0.01 * output.range) for start in starts]
+    rough = min(plain, key=lambda each: float(each.raw.sum()))
     features, by_trees = build_features(output), explain_by_trees(output, rough.residual)
     by_memory = explain_by_memory(output, rough.residual)
     least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], output, by_memory=by_memory)
@@ -131,16 +134,6 @@ def prepare(output: OutputChannel) -> FittedChannel:
 def prepare_all(outputs: Sequence[OutputChannel]) -> list[FittedChannel]:
     """Return outputs with their nominal fits, each by `prepare`, in threads."""
     return map_in_threads(prepare, outputs, sum(each.measured.size for each in outputs))
-
-
-def _fit_constants(model: Model) -> Fitted:
-    """Fit constants as if their residual were white, from where they begin, and from wherever else an output says."""
-    output, names = model.output, [each.name for each in model.output.constants]
-    starts = [model.start]
-    for other in output.other_starts:
-        told = dict(zip(names, model.start, strict=True)) | other
-        starts.append(np.array([told[name] for name in names]))
-    return min((fit_plain(model, each, 0.01 * output.range) for each in starts), key=lambda each: float(each.raw.sum()))
 
 
 def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, left: Leftover) -> FittedChannel:
@@ -203,13 +196,10 @@ def drop_effects(fitted: Fitted, names: Collection[str], noise: Noise) -> Fitted
     kept = tuple(form for form in model.forms if form.name not in names)
     if len(kept) == len(model.forms):
         return fitted
-    place = len(model.output.constants)
-    start = list(fitted.fit.values[:place])
-    for form in model.forms:
-        if form in kept:
-            start += list(fitted.fit.values[place : place + len(form.parameters)])
-        place += len(form.parameters)
-    return assess(fit(replace(model, forms=kept), noise, np.array(start)), noise)
+    constants, effects = model.name_values(fitted.fit.values)
+    own = [constants, *(values for form, values in effects if form in kept)]
+    start = np.array([value for values in own for value in values.values()])
+    return assess(fit(replace(model, forms=kept), noise, start), noise)
 
 
 def correct_inputs(output: OutputChannel, fits: Sequence[Fitted]) -> OutputChannel:

@@ -27,9 +27,9 @@ class Remainder(NamedTuple):
     """What a channel's named effects leave.
 
     `share` is the part of the initial gap above the floor that a flexible model, or the family, would still remove: a
-    median; `line_hz` the frequency of an oscillation in all trials of one of its elements, Hz. The family explains it:
-    a static map, where the channel follows one more probably than not and it removes more than half, a memory, where a
-    linear one of the inputs removes most in one of them; else it is empty.
+    median; `line_hz` the frequency of an oscillation in all trials of one of its elements, Hz, or nan. The family
+    explains it: a static map, where the channel follows one more probably than not and it removes more than half, a
+    memory, where a linear one of the inputs removes most in one of them; else it is empty.
 
     The others are probabilities: `unknown` that it is more than the limit while the gap left is one that matters,
     `ambiguous` that the named effects leave more than forms of one effect differ by, or that they are too many, `doubt`
@@ -39,7 +39,7 @@ class Remainder(NamedTuple):
     share: float
     unknown: float
     ambiguous: float
-    line_hz: float | None
+    line_hz: float
     family: str
     doubt: float
 
@@ -81,7 +81,7 @@ def weigh_remainder(
         if sum(each.channel == channel and not each.shown for each in named) >= settings.most_effects:
             ambiguous = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
-        line_hz = float(np.median(lines)) if lines else None
+        line_hz = float(np.median(lines)) if lines else np.nan
         remembered = MEMORY if any(state.leftover.linear_memory for state in states) else ""
         family = STATIC_MAP if by_map > 0.5 * told else remembered
         doubt = max(left, settings.remainder.ambiguous_weight * ambiguous)
