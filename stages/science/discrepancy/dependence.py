@@ -69,16 +69,8 @@ def find_dependence(
 ) -> Dependence:
     """Return on which inputs a residual depends: drivers, their histories, time in trial and session.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        With the trials that may be looked at.
-    residual : (T, K) ndarray
-        What a model leaves, zero where not present, in the channel's unit.
-    settings : DescriptionSettings
-        How many inputs may be chosen, how much each must help, and pseudo-inputs of each GP.
-    generator : numpy.random.Generator
-        Draws samples and pseudo-inputs.
+    The output has the trials that may be looked at; the residual, (T, K), is zero where not present, in the channel's
+    unit. The generator draws samples and pseudo-inputs.
 
     Notes
     -----

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, refit
@@ -58,16 +57,15 @@ def weigh_remainder(
         states = [state for state in found.outputs if state.output.channel == channel]
         weights = generator.dirichlet(np.ones(len(states[0].samples)), DRAWS)
         fits = [state.nominal for state in states], [reached[id(state)] for state in states]
-        share, matters = _weigh(states, *fits, weights, settings)
-        sure = _count(share, matters, settings)
+        share, sure = _weigh(states, *fits, weights, settings)
         left, told, by_map = sure, float(np.median(share)), 0.0
         if mapped >= settings.certain:
             before, after = (
                 [refit(own, make_plain(own.spread), state.static_map) for state, own in zip(states, some, strict=True)]
                 for some in fits
             )
-            unmapped = _weigh(states, before, after, weights, settings)
-            left, ambiguous = _count(*unmapped, settings), float((unmapped[0] > settings.ambiguous_share).mean())
+            unmapped, left = _weigh(states, before, after, weights, settings)
+            ambiguous = float((unmapped > settings.ambiguous_share).mean())
             now, beside = (_draw_gap(states, weights, [each.raw for each in some]) for some in (fits[1], after))
             least = _draw_gap(states, weights, [state.leftover.raw for state in states])
             by_map = float(np.median(share * np.clip((now - beside) / np.maximum(now - least, 1e-9), 0.0, 1.0)))
@@ -97,17 +95,14 @@ def _weigh(
     after: Sequence[Fitted],
     weights: Array,
     settings: SearchSettings,
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the share of the gap that is left, and whether a gap is, under each of the weights of trials."""
+) -> tuple[Array, float]:
+    """Return the share of the gap that is left under each of the weights, and how often it and the gap matter."""
     raws = [each.raw for each in before], [each.raw for each in after], [state.leftover.raw for state in states]
     initial, now, least = (_draw_gap(states, weights, each) for each in raws)
     seen = initial > (1.0 + 0.5 * (settings.smallest_gap - 1.0)) * least  # beside no gap, no share of it means much
     share = np.where(seen, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
-    return share, now > settings.smallest_gap * least
-
-
-def _count(share: Array, matters: NDArray[np.bool_], settings: SearchSettings) -> float:
-    return float((matters & (share > settings.unexplained_share)).mean())
+    matters = (now > settings.smallest_gap * least) & (share > settings.unexplained_share)
+    return share, float(matters.mean())
 
 
 def is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
@@ -122,5 +117,4 @@ def _draw_gap(states: Sequence[FittedChannel], weights: Array, raws: Sequence[Ar
         own = weights[:, : len(state.samples)]
         mean = (own @ raw) / (own @ state.samples)
         ratios.append(mean / state.floor**2)
-    gap: Array = np.sqrt(np.mean(ratios, axis=0))
-    return gap
+    return np.asarray(np.sqrt(np.mean(ratios, axis=0)))

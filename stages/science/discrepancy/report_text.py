@@ -11,7 +11,7 @@ import pandas as pd
 from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
 from stages.science.discrepancy.settings import DiscrepancySettings, ReportSettings
 from stages.science.discrepancy.signal_names import name_signal
-from stages.science.plant.effect import Effect, Parameter, find_effect
+from stages.science.plant.effect import Parameter, find_effect
 from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
@@ -163,11 +163,9 @@ def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) ->
 
 def describe_silent_channels(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> list[str]:
     """Return which channels of the measured muscles were not `judged`, as their data are missing or never change."""
-    told = []
-    for channel, name in (("pressure_kpa", "pressure"), ("force_n", "force")):
-        silent = [each for each in muscles if (channel, each) not in judged]
-        if silent:
-            told.append(f"{name} of {_join(silent)}")
+    names = {"pressure_kpa": "pressure", "force_n": "force"}
+    silent = {channel: [each for each in muscles if (channel, each) not in judged] for channel in names}
+    told = [f"{names[channel]} of {_join(silent[channel])}" for channel in names if silent[channel]]
     return [f"Not judged, as data are missing, too few, or never change: {'; '.join(told)}."] if told else []
 
 
@@ -299,11 +297,12 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
     others = [each for each in ranking if _is_candidate(each) and each["name"] not in alike_names]
     following = min(others, key=lambda each: (-round(each["probability"], 3), each["heldout_gap"]), default=None)
     second = f"; next is {_spell(following['name'])}, {_sure(following['probability'])}" if following and first else ""
+    optional = [_describe_size(effect, each) for each in known.parameters if each.optional]
+    sizes = " ".join(filter(None, optional)) or _describe_size(effect, known.parameters[0])
     alike = " with those like it" if len(alike_names) > 1 else ""
     text = (
         f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
-        f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. "
-        f"{_describe_sizes(effect, known)}"
+        f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. {sizes}"
     )
     if not effect["reproduced"]:
         step = effect["step"]
@@ -315,12 +314,6 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
         like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
         text += f" These data do not exclude {like}; what would tell them apart: {known.split_by}."
     return text
-
-
-def _describe_sizes(effect: Mapping[str, Any], known: Effect) -> str:
-    """Return the sizes of the parameters that were optional, else of the first."""
-    optional = [_describe_size(effect, each) for each in known.parameters if each.optional]
-    return " ".join(filter(None, optional)) or _describe_size(effect, known.parameters[0])
 
 
 def _describe_size(effect: Mapping[str, Any], size: Parameter) -> str:

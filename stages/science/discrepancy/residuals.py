@@ -121,5 +121,4 @@ def _compressed_edges(values: Array) -> Array:
     """Return bin edges on an inverse hyperbolic sine scale, even for slow rates and wide for fast ones."""
     usual = np.abs(values[values != 0.0])
     scale = float(np.median(usual)) if usual.size else 1.0
-    edges: Array = scale * np.sinh(equal_edges(np.arcsinh(values / scale), PLANE_BINS))
-    return edges
+    return np.asarray(scale * np.sinh(equal_edges(np.arcsinh(values / scale), PLANE_BINS)))

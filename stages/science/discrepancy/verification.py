@@ -98,18 +98,8 @@ def compare_steps(
 ) -> list[dict[str, Any]]:
     """Return the gap of some trials before and after each addition, and the noise floor: rows of `verification`.
 
-    Parameters
-    ----------
-    found : sequence of Verified
-        Outputs that count.
-    labels : sequence of str
-        Of the steps.
-    part, trials : str and sequence of int
-        What the trials are for, and their positions.
-    settings : DiscrepancySettings
-        Number of resamplings, and level of the intervals.
-    draw : callable
-        Returns the generator of a purpose and a part: to resample trials, and for the exact test of many.
+    `found` are the outputs that count, `labels` the names of the steps; the part says what the trials, given by their
+    positions, are for. `draw` returns the generator of a purpose and a part: to resample trials, and to flip signs.
     """
     rows: list[dict[str, Any]] = []
     weights = resample(len(trials), settings.bootstraps, draw("resample", part))
