@@ -219,8 +219,8 @@ class _Forward:
 def _decompose(scaled: Array, count: int) -> tuple[list[int], Array]:
     """Return the pivot rows of a pivoted Cholesky factor of the covariance, and the factor, (M, N).
 
-    Each row is that of the largest variance given those before: Cholesky with pivots, of (N, D) rows in units of the
-    lengths (Fine and Scheinberg, JMLR 2, 2001; as pseudo-inputs, Burt, Rasmussen and van der Wilk, JMLR 21, 2020).
+    The (N, D) rows are in units of the lengths (Fine and Scheinberg, JMLR 2, 2001; as pseudo-inputs, Burt, Rasmussen
+    and van der Wilk, JMLR 21, 2020).
     """
     halves = 0.5 * (scaled**2).sum(axis=1)
     rest, root = np.ones(len(scaled)), np.zeros((min(count, len(scaled)), len(scaled)))
@@ -247,10 +247,7 @@ class Range(NamedTuple):
 
 
 def find_range(values: Array, taken: Array, least_part: float) -> Range:
-    """Return the range of an input, shortest in time, that holds a part of what is taken away.
-
-    Values are those of the input, (N,), and what is taken away is the fall of the squared residual at each, (N,).
-    """
+    """Return the range of an input, (N,), shortest in time, that holds a part of what is taken away, (N,)."""
     edges = np.quantile(values, np.linspace(0.0, 1.0, BINS + 1))
     place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, BINS - 1)
     sums = np.bincount(place, taken, BINS)

@@ -38,11 +38,7 @@ class Verdicts:
 
 @dataclass(frozen=True)
 class Beside:
-    """Log scores of all models of the outputs, all without or all with a static map.
-
-    They are those of each output if it carries nothing more, (C,), and, by name and form, and by the place of the
-    output, if it carries this form.
-    """
+    """Log scores, all without or with a static map: of each output, (C,), and, by form and place, if it carries that."""
 
     none: Array
     forms: Mapping[tuple[str, str], Mapping[int, float]]

@@ -70,11 +70,6 @@ class FittedChannel:
     leftover: Leftover
 
     @cached_property
-    def features(self) -> Array:
-        """Generic features of the output, for a flexible model."""
-        return build_features(self.output)
-
-    @cached_property
     def static_map(self) -> Blocks:
         """A static map of the output's signals."""
         return build_static_map(self.output)
@@ -137,10 +132,7 @@ def prepare_all(outputs: Sequence[OutputChannel]) -> list[FittedChannel]:
 
 
 def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, left: Leftover) -> FittedChannel:
-    """Return an output of the fitted trials as `prepare` left it.
-
-    Its fitted constants are (P,); the residual of each trial left out of the fit is (T, K).
-    """
+    """Return an output as `prepare` left it: its constants, (P,), and the residual of trials left out, (T, K)."""
     found = fit(Model(output), noise, values, iterations=0)
     nominal = Fitted(found, residual, (residual**2).sum(axis=0))
     return FittedChannel(output, noise, nominal, nominal, left)
@@ -203,10 +195,7 @@ def drop_effects(fitted: Fitted, names: Collection[str], noise: Noise) -> Fitted
 
 
 def correct_inputs(output: OutputChannel, fits: Sequence[Fitted]) -> OutputChannel:
-    """Return an output with its inputs corrected for the effects of sensors that the fits of its element's others hold.
-
-    The output is as it was recorded, of any trials; the fits are of all outputs.
-    """
+    """Return a recorded output with its inputs corrected for effects of sensors in the fits of its element's others."""
     effects = [
         (form.name, form.form, values)
         for each in fits
@@ -219,7 +208,7 @@ def correct_inputs(output: OutputChannel, fits: Sequence[Fitted]) -> OutputChann
 def continue_from(state: FittedChannel, current: Fitted) -> FittedChannel:
     """Return an output channel with another present fit; one without effects is its nominal fit too."""
     noise = current.estimate_noise()
-    by_features = explain_by_features(current.fit, state.features, noise)
+    by_features = explain_by_features(current.fit, build_features(state.output), noise)
     by_trees, by_memory = (explain(state.output, current.residual) for explain in (explain_by_trees, explain_by_memory))
     leftover = keep_least([by_trees, by_features], state.output, by_memory=by_memory)
     nominal = state.nominal if current.forms else current

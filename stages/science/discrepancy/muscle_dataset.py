@@ -27,10 +27,7 @@ SIGNALS = {
 
 
 def _collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, str], smoothing_s: float) -> Records:
-    """Return one muscle's trials, in their order, as arrays.
-
-    Another joint's angle is read from the first muscle on it; pressure and velocity are smoothed over `smoothing_s`.
-    """
+    """Return one muscle's trials, in their order, as arrays; another joint's angle is that of its first muscle."""
     measured, trials = tables.measured, tables.measured_trials
     order = list(trials["trial"])
     samples = int(measured.groupby(["trial", "muscle"]).size().max())

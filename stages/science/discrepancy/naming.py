@@ -67,11 +67,7 @@ class Round:
 
 
 def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) -> list[list[Screened]]:
-    """Return the screening results of each output channel; gains are zero where no gap matters.
-
-    Channels without a gap are screened too: some gaps show only with the form that closes them, and confounding with
-    the constants is reported in any case.
-    """
+    """Return the screening results of each output, as some gaps show only with a form; gains are zero if none matter."""
     least, worth = 0.5 * (settings.smallest_gap - 1.0), set()
     listed = [[each for each in state.promises if each.form.name not in settings.left_out] for state in outputs]
     for state, promised in zip(outputs, listed, strict=True):
@@ -176,10 +172,7 @@ def _score_all(
     choices: Sequence[Choice],
     settings: SearchSettings,
 ) -> tuple[Beside, Beside, list[dict[str, Array]]]:
-    """Return the scores of all models, without and with a static map of their own, and what families leave.
-
-    A memory is one of the models. Where no output of a channel has a gap, a family would only predict noise.
-    """
+    """Return the scores of all models, a memory among them, without and with a static map, and what families leave."""
     corrected = _fit_corrected(outputs, choices)
     extended = [dict(choice) for choice in choices]
     for place, _, sensor, fitted in corrected:
@@ -217,10 +210,7 @@ def _score_all(
 def _fit_corrected(
     outputs: Sequence[FittedChannel], choices: Sequence[Choice]
 ) -> list[tuple[int, int, tuple[str, str], Fitted]]:
-    """Return what candidates do to other outputs of their element: its place, the candidate's place, key and fit.
-
-    A sensor's effect corrupts the input of another output, whose present model is fitted to the corrected one.
-    """
+    """Return what effects of sensors do to other outputs of the element: place, candidate's place, key and fit."""
     corrected = []
     for source, key, fitted in [(source, *each) for source, choice in enumerate(choices) for each in choice.items()]:
         form, values = fitted.fit.model.name_values(fitted.fit.values)[1][-1]
@@ -238,10 +228,7 @@ def _fit_corrected(
 def _score_output(
     state: FittedChannel, choice: Choice, gap: bool, settings: SearchSettings
 ) -> tuple[list[dict[tuple[str, str], float]], dict[str, Array]]:
-    """Return the scores of an output's models, without and with a static map, and what families leave.
-
-    Where trials have an offset and a gain of their own, all are fitted under one noise, which the best of them leaves.
-    """
+    """Return the scores of an output's models, under one noise if trials jitter, and what families leave."""
     output, largest = state.output, settings.largest_jitter
     first: Choice = {(NONE, ""): state.current, **choice}
     if not choice and not gap:

@@ -108,12 +108,10 @@ def leave_gaps(trials: pd.DataFrame, purposes: Sequence[str], share: float) -> p
     where trials do not follow each other.
     """
     before, after = [0] * len(trials), [0] * len(trials)
-    records, samples = list(trials["record"]), list(trials["samples"])
-    for k in range(len(trials) - 1):
-        if not records[k] or records[k] != records[k + 1]:
-            continue
+    records, left = list(trials["record"]), [math.ceil(share * samples) for samples in trials["samples"]]
+    for k in [k for k in range(len(trials) - 1) if records[k] and records[k] == records[k + 1]]:
         if (purposes[k], purposes[k + 1]) == (FITTED, VERIFICATION):
-            after[k] = math.ceil(share * samples[k])
+            after[k] = left[k]
         if (purposes[k], purposes[k + 1]) == (VERIFICATION, FITTED):
-            before[k + 1] = math.ceil(share * samples[k + 1])
+            before[k + 1] = left[k + 1]
     return pd.DataFrame({"left_before": before, "left_after": after})

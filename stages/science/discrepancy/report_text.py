@@ -37,7 +37,14 @@ def describe_verdict(
     the gap is but cannot be told from the fitted constants, and `remarks` sentences that follow.
     """
     if verdict["status"] == "no_discrepancy":
-        sentences = _describe_no_discrepancy(verdict)
+        gap = verdict["gap"]
+        sentences = [
+            f"Nothing that matters is missing (probability {_sure(1.0 - verdict['missing_probability'])}): on "
+            f"{_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
+            f"{_compare_with_floor(gap['before'], gap['noise_floor'])}; in its worst channel it is at most "
+            f"{gap['over_floor']['high']:.2f} times the floor (one-sided limit over trials).",
+            *_describe_suspected(verdict),
+        ]
     else:
         by_channel: dict[str, list[Mapping[str, Any]]] = {}
         for each in places:
@@ -49,17 +56,6 @@ def describe_verdict(
         names = _shorten([_spell(each) for each in absorbed])
         sentences.append(f"Not judged, as in these data the fitted constants absorb what it does: {names}.")
     return [*sentences, *remarks]
-
-
-def _describe_no_discrepancy(verdict: Mapping[str, Any]) -> list[str]:
-    gap = verdict["gap"]
-    return [
-        f"Nothing that matters is missing (probability {_sure(1.0 - verdict['missing_probability'])}): on "
-        f"{_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
-        f"{_compare_with_floor(gap['before'], gap['noise_floor'])}; in its worst channel it is at most "
-        f"{gap['over_floor']['high']:.2f} times the floor (one-sided limit over trials).",
-        *_describe_suspected(verdict),
-    ]
 
 
 def _compare_with_floor(gap: float, floor: float) -> str:

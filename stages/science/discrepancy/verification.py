@@ -70,10 +70,7 @@ def verify(outputs: Sequence[OutputChannel], fitted: Sequence[int], found: Searc
 
 
 def find_test_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
-    """Return each trial's sum of squares left by a flexible model fitted to the `learnt` trials; zero without data.
-
-    It is not held below what the model itself leaves: where it is more, the gap is not resolved.
-    """
+    """Return each trial's sum of squares left by a flexible model fitted to the `learnt` trials; zero without data."""
     seen = np.flatnonzero(model.output.present.any(axis=0))
     still = fit(replace(model, output=model.output.take(seen.tolist())), noise, values, iterations=0)
     floor = np.zeros(model.output.trials)
@@ -140,10 +137,7 @@ def bound_ratio(
     settings: DiscrepancySettings,
     generator: np.random.Generator,
 ) -> dict[str, float]:
-    """Return the gap of test trials over the noise floor in the channel where it is largest, after some additions.
-
-    Its limits ``low`` and ``high`` are one-sided, each of the configured level, over resampled trials.
-    """
+    """Return the gap of test trials over the floor in the worst channel, with one-sided limits over resampled trials."""
     ratios, level = [], settings.level
     weights = resample(len(trials), settings.bootstraps, generator)
     for channel in dict.fromkeys(each.output.channel for each in found):
