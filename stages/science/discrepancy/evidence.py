@@ -38,7 +38,7 @@ class Verdicts:
 
 @dataclass(frozen=True)
 class Beside:
-    """Log scores, all without or with a static map: of each output, (C,), and, by form and place, if it carries that."""
+    """Log scores, all without or with a static map: of each output, (C,), and by form and place if it carries that."""
 
     none: Array
     forms: Mapping[tuple[str, str], Mapping[int, float]]

@@ -137,7 +137,7 @@ def bound_ratio(
     settings: DiscrepancySettings,
     generator: np.random.Generator,
 ) -> dict[str, float]:
-    """Return the gap of test trials over the floor in the worst channel, with one-sided limits over resampled trials."""
+    """Return the gap of test trials over the floor in the worst channel, with one-sided limits over drawn trials."""
     ratios, level = [], settings.level
     weights = resample(len(trials), settings.bootstraps, generator)
     for channel in dict.fromkeys(each.output.channel for each in found):
