@@ -54,10 +54,7 @@ def _by_name(rows: pd.DataFrame) -> dict[str, float]:
 def estimate_intervals(
     model: Model, values: Array, noise: Noise, settings: DiscrepancySettings, generator: np.random.Generator
 ) -> list[dict[str, Any]]:
-    """Return every value of a fitted model with its interval over resampled trials, and the bound it stands at, if any.
-
-    The model is one of the fitted trials, with its fitted values, (P,), and its channel's noise.
-    """
+    """Return the values, (P,), of a model of the fitted trials as rows of `amended_values`, with their intervals."""
     found = fit(model, noise, values, iterations=0)
     weights = resample(model.output.trials, settings.bootstraps, generator)
     low, high = find_interval(found.drawn_values(weights), settings.level)

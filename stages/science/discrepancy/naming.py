@@ -67,7 +67,7 @@ class Round:
 
 
 def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) -> list[list[Screened]]:
-    """Return the screening results of all outputs, as a gap may show only with a form; gains are zero if none matters."""
+    """Return the screening results of outputs, as gaps may show only with a form; gains are zero if none matters."""
     least, worth = 0.5 * (settings.smallest_gap - 1.0), set()
     listed = [[each for each in state.promises if each.form.name not in settings.left_out] for state in outputs]
     for state, promised in zip(outputs, listed, strict=True):

@@ -17,10 +17,7 @@ UPSTREAM = ("command", "valve")
 
 
 def list_confounded(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list[str]:
-    """Return the effects of the table `ranking` that are confounded with the constants in every round.
-
-    With channels in which there is a gap, only those that could act in one of these.
-    """
+    """Return the effects of `ranking` confounded in every round; with channels, only those that could act there."""
     always = ranking["absorbed"].groupby(ranking["name"]).transform("all")
     rows = ranking[(ranking["round"] == 1) & always]
     sites = [site not in UPSTREAM if "pressure_kpa" not in channels and channels else True for site in rows["site"]]
@@ -56,10 +53,7 @@ def summarise_remainder(unexplained: pd.DataFrame, remainder: pd.DataFrame, cert
 def locate_most(
     gap: pd.DataFrame, channels: pd.DataFrame, named: pd.DataFrame, settings: DiscrepancySettings
 ) -> list[dict[Any, Any]]:
-    """Return for each channel with a gap that matters the regime in which the gap is most concentrated.
-
-    The tables are `gap`, `channels` and `named_effects`; where an effect is named, a gap matters, however small.
-    """
+    """Return the regime where the gap is most concentrated, by channel in which it matters or an effect is named."""
     place = ["channel", "muscle"]
     rows = gap.merge(channels[[*place, "unit", "gap_over_floor"]], on=place)
     carried = set(zip(named["channel"], named["muscle"], strict=True))
@@ -105,10 +99,7 @@ def list_suspected(suspected: pd.DataFrame) -> list[dict[str, Any]]:
 
 
 def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return each effect of `reproduce_effects` with its muscles and parameters, from the table `amended_values`.
-
-    Parameters are told for each muscle, and as means over those that carry the commonest form.
-    """
+    """Return each effect of `reproduce_effects`, with `amended_values` by muscle, and means over the commonest form."""
     effects = []
     for _, rows in named.groupby("order"):
         first, form = rows.iloc[0], str(rows["form"].mode().iloc[0])
