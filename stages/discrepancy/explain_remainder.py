@@ -13,13 +13,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
-from stages.science.discrepancy.description import (
-    Description,
-    average_dependence,
-    describe_above_floor,
-    tabulate,
-)
-from stages.science.discrepancy.resampling import resample
+from stages.science.discrepancy.description import Description, average_dependence, describe_above_floor, tabulate
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DescriptionSettings, DiscrepancySettings
 from stages.science.figures.unexplained import draw_unexplained
@@ -65,19 +59,11 @@ class Config(Section):
 @stage(REMAINDER, stream="describe_remainder")
 def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, ctx: Context) -> pd.DataFrame:
     """Describe what the amended model leaves above the noise floor."""
-    settings, smallest = cfg.discrepancy, cfg.discrepancy.search.smallest_gap
+    settings = cfg.discrepancy
     described: list[Description] = []
-    if (found.channels["gap_over_floor"] > smallest).any():
+    if (found.channels["gap_over_floor"] > settings.search.smallest_gap).any():
         dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
-        described = describe_above_floor(
-            dataset,
-            found,
-            smallest,
-            cfg.explain_remainder,
-            resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample")),
-            settings.level,
-            ctx.generator("pseudo-inputs"),
-        )
+        described = describe_above_floor(dataset, found, settings, cfg.explain_remainder, ctx.generator)
     averages = average_dependence(described)
     if len(averages):
         ctx.figure(

@@ -20,11 +20,10 @@ from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.discrepancy.dataset import build_dataset
+from stages.science.discrepancy.dataset import build_dataset, check_plant
 from stages.science.discrepancy.fitted_channel import FittedChannel, prepare_all
 from stages.science.discrepancy.gaps import locate
 from stages.science.discrepancy.parts import PURPOSES, Parts, list_parts
-from stages.science.discrepancy.plant_check import check_plant
 from stages.science.discrepancy.resampling import find_interval, resample
 from stages.science.discrepancy.residuals import average_loops, average_plane
 from stages.science.discrepancy.restoring import list_residuals
@@ -124,30 +123,20 @@ GAP = Table(
 )
 
 
-NO_SIGNALS = ("record", "part", "time_s")
-"""Names of a map of columns that are no signals."""
-
-
-class Recording(View):
-    """Of what kind the recording is."""
-
-    kind: str
-
-
 class PlantOfRecording(View):
     """The plant simulates what is measured, from signals that are."""
 
     stages: list[str] | None
     measured: Any
-    measurement: Recording
+    measurement: dict[str, Any]
     columns: dict[str, str | None]
     plant: Machine
 
     @model_validator(mode="after")
     def _find_signals(self) -> Self:
         if self.measured is not None and self.stages != ["measurement"]:
-            signals = [name for name in self.columns if name not in NO_SIGNALS]
-            check_plant(self.plant, self.measurement.kind, signals)
+            signals = [name for name in self.columns if name not in ("record", "part", "time_s")]
+            check_plant(self.plant, self.measurement["kind"], signals)
         return self
 
 

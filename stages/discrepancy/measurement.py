@@ -56,8 +56,6 @@ HELD = "command held until the next sample; sensors sample before the command ac
 """Timing of every rig."""
 
 TOGETHER = "several records go into one file, told apart by a column: columns.record=NAME"
-FEW = 5
-"""Files of a folder that a message names."""
 
 NAMES = ("muscle", "part", "record")
 RECORD_KEY, MUSCLE_KEY = ("record", "time_s"), ("trial", "muscle", "time_s")
@@ -146,12 +144,6 @@ class Measurement(Section):
     blocks: Annotated[int, Field(ge=2, le=10000)]
 
 
-class Stages(View):
-    """Which stages the workflow has."""
-
-    stages: list[str]
-
-
 def check_one(value: Any) -> Any:
     """Refuse a list of paths."""
     if isinstance(value, list):
@@ -162,12 +154,12 @@ def check_one(value: Any) -> Any:
 class SomethingMeasured(View):
     """There is a path, or a stage that records."""
 
-    workflow: Stages
+    workflow: dict[str, Any]
     measured: Annotated[str | None, BeforeValidator(check_one)]
 
     @model_validator(mode="after")
     def _find_source(self) -> Self:
-        if self.measured is None and not {"hardware", "blinded_session"} & set(self.workflow.stages):
+        if self.measured is None and not {"hardware", "blinded_session"} & set(self.workflow["stages"]):
             raise ValueError(
                 "measured: expected what was measured (a folder with samples.parquet and meta.json, or one .parquet, "
                 ".csv, .mat or .mcap file, or a ROS 2 bag), got null; set measured=PATH"
@@ -295,7 +287,7 @@ def find_samples(path: InputPath) -> Path:
         return Path(path)
     if not (Path(path) / SAMPLES).is_file():
         names = [each.name for each in path.files]
-        told = f"{', '.join(names[:FEW])}{', ...' * (len(names) > FEW)}" if names else "none"
+        told = ", ".join(names[:5] + ["..."] * (len(names) > 5)) or "none"
         remedy = (
             f"name one file, as measured={quote(str(Path(path) / names[0]))}; {TOGETHER}" if names else "name a file"
         )
@@ -310,33 +302,25 @@ def is_folder(path: InputPath) -> bool:
 
 def read_known(path: InputPath, cfg: Config) -> pd.DataFrame:
     """Return the muscles that may be there, under `MUSCLE_COLUMNS`."""
-    session = read_meta(Path(path)) if is_folder(path) else None
+    session = read_meta(path)
     return session.describe() if session else describe_muscles(cfg.exoskeleton)
 
 
-def read_meta(folder: Path) -> Session:
-    """Read how a folder describes its own machine."""
+def read_meta(path: InputPath) -> Session | None:
+    """Read how a folder describes its own machine, which a file does not."""
+    if not is_folder(path):
+        return None
     for name in (SAMPLES, META):
-        if not (folder / name).is_file():
-            raise InputError(f"{folder}: expected {SAMPLES} and {META} in this folder, {name} is missing")
-    with about(str(folder / META)):
-        return read_session(read_json(folder / META))
+        if not (Path(path) / name).is_file():
+            raise InputError(f"{path}: expected {SAMPLES} and {META} in this folder, {name} is missing")
+    with about(str(Path(path) / META)):
+        return read_session(read_json(Path(path) / META))
 
 
 def read_muscles(path: InputPath, cfg: Config) -> Source:
-    """Read a folder with samples and meta.json, or one file for the configured exoskeleton."""
-    if not is_folder(path):
-        machine, known = cfg.exoskeleton, describe_muscles(cfg.exoskeleton)
-        samples, site, rate = adopt_muscles(Path(path), cfg, known), machine.load_cell_site, cfg.measurement.rate_hz
-        return Source(Path(path).name, path, samples, known, "exoskeleton.muscles", site, "", rate, None)
-    folder, file = Path(path), Path(path) / SAMPLES
-    session = read_meta(folder)
-    known, told = session.describe(), (session.load_cell_site, session.timing, session.sampling_rate_hz, session)
-    return Source(folder.resolve().name, str(file), adopt_muscles(file, cfg, known), known, str(folder / META), *told)
-
-
-def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
-    """Read a file's columns of muscles and check their rows."""
+    """Read a folder with samples and meta.json, or one file for the configured exoskeleton, and check its rows."""
+    session = read_meta(path)
+    known, file = read_known(path, cfg), find_samples(path)
     samples = adopt_file(file, cfg, MUSCLE_KEY, known)
     with about(str(file)):
         check_rows(samples, MUSCLE_KEY)
@@ -344,7 +328,12 @@ def adopt_muscles(file: Path, cfg: Config, known: pd.DataFrame) -> pd.DataFrame:
         if wrong.any():
             raise RecordingError(f"column trial: expected whole numbers from 0, got others in {name_rows(wrong)}")
         check_readings(samples, READINGS, MEASURED.columns, cfg.units)
-    return samples.astype({"trial": int})
+    samples = samples.astype({"trial": int})
+    if session is None:
+        site, rate = cfg.exoskeleton.load_cell_site, cfg.measurement.rate_hz
+        return Source(file.name, path, samples, known, "exoskeleton.muscles", site, "", rate, None)
+    folder, told = file.parent, (session.load_cell_site, session.timing, session.sampling_rate_hz, session)
+    return Source(folder.resolve().name, str(file), samples, known, str(folder / META), *told)
 
 
 def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame) -> pd.DataFrame:

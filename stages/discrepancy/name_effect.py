@@ -8,7 +8,7 @@ away) and `steps` (constants and parameters after each addition).
 
 from __future__ import annotations
 
-from typing import get_args
+from typing import Any, get_args
 
 import pandas as pd
 
@@ -18,7 +18,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.decision import Status, decide
-from stages.science.discrepancy.ranking import list_named, list_remainders, list_steps, rank_first
+from stages.science.discrepancy.ranking import list_named, list_steps, rank_first
 from stages.science.discrepancy.restoring import NominalTables, restore_states
 from stages.science.discrepancy.search import search
 from stages.science.discrepancy.settings import DiscrepancySettings
@@ -119,12 +119,16 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
     states = restore_states(dataset, nominal)
     found = search(states, settings.search, ctx.generator("trials"))
     decision = decide(found, settings, ctx.generator("unexplained"))
-    rows = [
+    left = [
+        {"channel": channel, **each._asdict(), "probability": each.unknown, "imitated": each.ambiguous}
+        for channel, each in decision.remainders.items()
+    ]
+    rows: list[list[Any]] = [
         rank_first(found, decision.doubt, settings.search.most_confounded),
         [{name: getattr(decision, name) for name in DECISION.columns}],
         list_named(decision.effects),
         list_named(decision.suspected),
-        list_remainders(decision.remainders),
+        left,
         list_steps(decision.steps),
     ]
     both = zip(name_effect.writes, rows, strict=True)

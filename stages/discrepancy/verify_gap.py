@@ -35,7 +35,6 @@ from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.signature import trace_effects
 from stages.science.discrepancy.verdict import (
     describe_effects,
-    list_candidates,
     list_confounded,
     list_suspected,
     locate_most,
@@ -49,7 +48,6 @@ from stages.science.discrepancy.verification import (
     compare_steps,
     find_odd_trials,
     list_predictions,
-    select_judged,
     verify,
 )
 from stages.science.figures.verified_gap import draw_effect_signature, draw_gap_waterfall, draw_verified_trials
@@ -127,7 +125,8 @@ def verify_gap(
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     test = dataset.test
     verified = verify(dataset.outputs, dataset.fitted, found)
-    judged = select_judged(found, verified)
+    concerned = list(dict.fromkeys(named["channel"])) or list(dict.fromkeys(channels["channel"]))
+    judged = [each for each in verified if each.output.channel in concerned]
     labels = ["nominal", *(f"+ {name}" for name in named.drop_duplicates("order")["name"])]
     rows = [
         row
@@ -138,13 +137,13 @@ def verify_gap(
     driven = verification[(verification["simulation"] == DRIVEN) & (verification["part"] == TEST)]
     over_floor = bound_ratio(verified, last, test, settings, ctx.generator("resample", TEST))
     places = locate_most(gap, channels, named, settings)
-    concerned = list(dict.fromkeys(named["channel"])) or list(dict.fromkeys(channels["channel"]))
+    candidates = ranking.loc[ranking["round"] == 1, ["name", "probability", "heldout_gap", "absorbed"]]
     verdict: dict[str, Any] = {
         "status": status,
         "missing_probability": float(found.decision["missing"].iloc[0]),
         "effects": describe_effects(reproduce_effects(named, driven, settings), amended_values),
         "suspected": list_suspected(found.suspected_effects),
-        "ranking": list_candidates(ranking),
+        "ranking": candidates.to_dict("records"),
         "absorbed": list_confounded(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
         "remainder": summarise_remainder(found.unexplained, remainder, settings.search.certain),
@@ -208,9 +207,7 @@ def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -
         "after": float(after["gap"]),
         "noise_floor": float(floor["gap"]),
         "unit": "RMSE / range, verification trials",
-        "p_value": float(after["p_value"]),
-        "low": float(after["low"]),
-        "high": float(after["high"]),
+        **{name: float(after[name]) for name in ("p_value", "low", "high")},
         "channels": list(dict.fromkeys(each.output.channel for each in judged)),
         "muscles": sorted({each.output.element for each in judged}),
         "pooling": POOLING,

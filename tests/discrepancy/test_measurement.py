@@ -39,12 +39,16 @@ def scale(column, factor):
     return lambda samples: samples.assign(**{column: factor * samples[column]})
 
 
+def in_order(samples):
+    """Return samples in the order in which they are read."""
+    return samples.sort_values(["trial", "muscle", "time_s"]).reset_index(drop=True)
+
+
 def test_a_dataset_comes_out_as_it_was_measured(tmp_path):
     samples = make_samples()
     tables = read(tmp_path, write_dataset(tmp_path / "arm", samples))
-    expected = samples.sort_values(["trial", "muscle", "time_s"]).reset_index(drop=True)
-    for name in samples:
-        np.testing.assert_array_equal(tables["measured"][name], expected[name], err_msg=name)
+    for name, values in in_order(samples).items():
+        np.testing.assert_array_equal(tables["measured"][name], values, err_msg=name)
     assert tables["measured_session"].to_numpy().tolist() == [["arm", "muscles", 250.0, "joint_end", "", 3, 2]]
     assert tables["measured_trials"][["samples", "duration_s", "part"]].to_numpy().tolist() == [[100, 0.4, "given"]] * 3
     assert tables["measured_trials"]["start_s"].isna().all()
@@ -58,7 +62,7 @@ def test_a_dataset_comes_out_as_it_was_measured(tmp_path):
 @pytest.mark.skipif(not EXOSKELETON.is_dir(), reason=f"no recorded session in {EXOSKELETON}")
 def test_reads_a_session_of_the_exoskeleton(tmp_path):
     tables = read(tmp_path, EXOSKELETON)
-    samples = pd.read_parquet(EXOSKELETON / "samples.parquet").sort_values(["trial", "muscle", "time_s"])
+    samples = in_order(pd.read_parquet(EXOSKELETON / "samples.parquet"))
     np.testing.assert_array_equal(tables["measured"]["force_n"], samples["force_n"])
     told = json.loads((EXOSKELETON / "meta.json").read_text())
     assert list(tables["measured_trials"]["start_s"]) == told["trial_start_s"]
@@ -67,9 +71,8 @@ def test_reads_a_session_of_the_exoskeleton(tmp_path):
 
 def test_the_hardware_stages_recordings_serve_where_there_is_no_path(tmp_path):
     composed = {**compose_values("budget=tiny", "bank.trajectories=4"), **compose_values("workflow=discrepancy")}
-    composed["workflow"]["stages"] = ["bank", "subsampling", "hardware", "measurement"]
-    composed["workflow"]["quoted"] = list(composed)
-    composed["workflow"]["headline"] = []
+    order = ["bank", "subsampling", "hardware", "measurement"]
+    composed["workflow"].update(stages=order, quoted=list(composed), headline=[])
     study, stages = read_study(OmegaConf.create(composed))
     tables = {}
     for stage in stages:
@@ -81,9 +84,8 @@ def test_the_hardware_stages_recordings_serve_where_there_is_no_path(tmp_path):
         np.testing.assert_array_equal(tables["measured"][name], recordings[name])
     assert list(tables["measured_muscles"]["muscle"]) == ["pam1", "pam2", "pam3", "pam4"]
     assert not tables["measured_notes"]["note"].str.contains("left out").any()
-    amiss = recordings.copy()
-    frozen = amiss.index[amiss["muscle"] == "pam3"][100:130]
-    amiss.loc[frozen, "status"] = "frozen"
+    frozen = recordings.index[recordings["muscle"] == "pam3"][100:130]
+    amiss = recordings.assign(status=recordings["status"].mask(recordings.index.isin(frozen), "frozen"))
     again = run_stage(study, stages[-1], tmp_path / "amiss", {**tables, "hardware_recordings": amiss})
     assert again["measured"].loc[frozen, "force_n"].isna().all()
     assert again["measured"]["force_n"].isna().sum() == 30
@@ -113,9 +115,8 @@ def test_foreign_names_and_units_are_converted(tmp_path):
         overrides += [f"columns.{name}={column}", f"units.{name}={unit}"]
     foreign.to_csv(path, sep=";", index=False)
     tables = read(tmp_path, path, *overrides)
-    expected = samples.sort_values(["trial", "muscle", "time_s"])
-    for name in FOREIGN:
-        np.testing.assert_allclose(tables["measured"][name], expected[name], rtol=1e-12, atol=1e-12)
+    expected = in_order(samples)[list(FOREIGN)]
+    np.testing.assert_allclose(tables["measured"][list(FOREIGN)], expected, rtol=1e-12, atol=1e-12)
     assert tables["measured_session"]["sampling_rate_hz"].iloc[0] == pytest.approx(250.0)
     missing = ["contraction", "contraction_velocity_per_s", "pressure_command_kpa"]
     assert list(tables["measured_notes"]["about"]) == ["pam3", "pam4", *missing]
@@ -125,12 +126,11 @@ def test_foreign_names_and_units_are_converted(tmp_path):
 def test_contraction_and_its_velocity_follow_from_the_angle(tmp_path):
     samples = make_samples()
     bare = samples.drop(columns=["contraction", "contraction_velocity_per_s", "joint_velocity_rad_per_s"])
-    tables = read(tmp_path, write_dataset(tmp_path / "dataset", bare))
-    expected = samples.sort_values(["trial", "muscle", "time_s"])
-    np.testing.assert_allclose(tables["measured"]["contraction"], expected["contraction"], atol=1e-15)
-    true = expected["contraction_velocity_per_s"].to_numpy()
-    middle = (expected["time_s"].between(0.05, 0.34)).to_numpy()
-    np.testing.assert_allclose(tables["measured"]["contraction_velocity_per_s"][middle], true[middle], atol=0.002)
+    found = read(tmp_path, write_dataset(tmp_path / "dataset", bare))["measured"]
+    expected = in_order(samples)
+    np.testing.assert_allclose(found["contraction"], expected["contraction"], atol=1e-15)
+    middle, name = expected["time_s"].between(0.05, 0.34), "contraction_velocity_per_s"
+    np.testing.assert_allclose(found[name][middle], expected[name][middle], atol=0.002)
 
 
 def test_trials_of_unequal_length_and_gaps_stay_as_they_are(tmp_path):

@@ -24,16 +24,21 @@ def spread(tables, signal, record=None):
     return rows["time_s"].to_numpy(), rows["value"].to_numpy()
 
 
+def keep(frame, path):
+    """Write a table as its ending says, and return its path."""
+    frame.to_csv(path, index=False) if path.suffix == ".csv" else frame.to_parquet(path)
+    return path
+
+
 def read_runs(tmp_path, *records):
     """Return the tables of records that a column ``run`` tells apart."""
-    pd.concat(records).to_parquet(tmp_path / "runs.parquet")
-    return read_measured(tmp_path, tmp_path / "runs.parquet", *MAP, "columns.record=run")
+    return read_measured(tmp_path, keep(pd.concat(records), tmp_path / "runs.parquet"), *MAP, "columns.record=run")
 
 
 def test_several_files_are_refused_with_how_to_bring_several_records(tmp_path):
     (tmp_path / "runs").mkdir()
-    for name in ("a", "b"):
-        make_record().to_csv(tmp_path / "runs" / f"{name}.csv", index=False)
+    for name in ("a.csv", "b.csv"):
+        keep(make_record(), tmp_path / "runs" / name)
     told = refuse_measured(tmp_path, tmp_path / "runs", *MAP)
     assert "runs: expected samples.parquet in this folder, got a.csv, b.csv; name one file, as measured=" in told
     assert told.endswith("several records go into one file, told apart by a column: columns.record=NAME")
@@ -52,27 +57,24 @@ def test_several_files_are_refused_with_how_to_bring_several_records(tmp_path):
     ],
 )
 def test_a_unit_is_one_of_the_signal_s_and_the_one_that_the_file_states(tmp_path, heading, name, unit, told):
-    path = tmp_path / "run.parquet"
-    pd.DataFrame({"t": [0.0, 1.0, 2.0], heading: [1.0, 2.0, 3.0]}).to_parquet(path)
-    given = ["measurement=records", "columns.time_s=t", f'+columns.{name}="{heading}"']
-    assert told in refuse_measured(tmp_path, path, *given, *([f"+units.{name}={unit}"] if unit else []))
+    path = keep(pd.DataFrame({"t": [0.0, 1.0, 2.0], heading: [1.0, 2.0, 3.0]}), tmp_path / "run.parquet")
+    given = [*MAP[:2], f'+columns.{name}="{heading}"', *([f"+units.{name}={unit}"] if unit else [])]
+    assert told in refuse_measured(tmp_path, path, *given)
 
 
 def test_a_unit_that_is_given_is_believed_against_the_heading(tmp_path):
-    path = tmp_path / "run.parquet"
-    pd.DataFrame({"t": [0.0, 1.0, 2.0], "F (kN)": [1.0, 2.0, 3.0], "u_a": [1.0, 2.0, 3.0]}).to_parquet(path)
-    given = ("measurement=records", "columns.time_s=t", '+columns.force_n="F (kN)"', "+columns.armature_v=u_a")
-    tables = read_measured(tmp_path, path, *given, "+units.force_n=N")
+    frame = pd.DataFrame({"t": [0.0, 1.0, 2.0], "F (kN)": [1.0, 2.0, 3.0], "u_a": [1.0, 2.0, 3.0]})
+    given = (*MAP[:2], '+columns.force_n="F (kN)"', "+columns.armature_v=u_a", "+units.force_n=N")
+    tables = read_measured(tmp_path, keep(frame, tmp_path / "run.parquet"), *given)
     assert spread(tables, "force_n")[1].tolist() == spread(tables, "armature_v")[1].tolist() == [1.0, 2.0, 3.0]
 
 
 def test_a_row_of_units_is_not_overlooked_and_each_signal_is_converted(tmp_path):
     path = tmp_path / "run.csv"
     path.write_text("t,F,T\nms,kN,degF\n0,1,212\n10,2,32\n20,3,32\n")
-    given = ("measurement=records", "columns.time_s=t", "+columns.force_n=F", "+columns.water_k=T")
-    assert "column t: the file states ms, and time_s is in s; set units.time_s=ms" in refuse_measured(
-        tmp_path, path, *given
-    )
+    given = (*MAP[:3], "+columns.water_k=T")
+    told = refuse_measured(tmp_path, path, *given)
+    assert "column t: the file states ms, and time_s is in s; set units.time_s=ms" in told
     tables = read_measured(tmp_path, path, *given, "units.time_s=ms", "+units.force_n=kN", "+units.water_k=degF")
     assert spread(tables, "force_n")[1].tolist() == [1000.0, 2000.0, 3000.0]
     assert spread(tables, "water_k")[1] == pytest.approx([373.15, 273.15, 273.15])
@@ -83,7 +85,7 @@ def test_without_a_column_of_time_samples_are_counted(tmp_path):
     path = tmp_path / "run.mat"
     frame = make_record()
     savemat(path, {"F": frame["F"].to_numpy(), "x": frame["x"].to_numpy()})
-    given = ("measurement=records", "+columns.force_n=F", "+columns.position_m=x")
+    given = (MAP[0], *MAP[2:])
     told = refuse_measured(tmp_path, path, *given)
     assert "no column time_s; there are: F, x; say which with columns.time_s=NAME, or set measurement.rate_hz" in told
     tables = read_measured(tmp_path, path, *given, "measurement.rate_hz=100")
@@ -92,8 +94,7 @@ def test_without_a_column_of_time_samples_are_counted(tmp_path):
 
 
 def test_a_stated_rate_that_the_times_contradict_is_refused(tmp_path):
-    path = tmp_path / "run.csv"
-    make_record().to_csv(path, index=False)
+    path = keep(make_record(), tmp_path / "run.csv")
     told = refuse_measured(tmp_path, path, *MAP, "measurement.rate_hz=50")
     assert "expected steps of 0.02 s (50 Hz are stated), got 0.01 s" in told
     assert read_measured(tmp_path, path, *MAP, "measurement.rate_hz=100")["measured_notes"].empty
@@ -102,10 +103,9 @@ def test_a_stated_rate_that_the_times_contradict_is_refused(tmp_path):
 def test_dates_and_times_of_day_are_times(tmp_path):
     frame = make_record(100)
     dates = pd.Timestamp("2024-05-01T12:00:00") + pd.to_timedelta(frame["t"], unit="s")
-    frame.assign(t=dates).to_parquet(tmp_path / "dates.parquet")
-    frame.assign(t=[f"23:59:{58 + time:09.6f}" for time in frame["t"]]).to_csv(tmp_path / "times.csv", index=False)
-    for name in ("dates.parquet", "times.csv"):
-        tables = read_measured(tmp_path, tmp_path / name, *MAP)
+    times = [f"23:59:{58 + time:09.6f}" for time in frame["t"]]
+    for name, told in (("dates.parquet", dates), ("times.csv", times)):
+        tables = read_measured(tmp_path, keep(frame.assign(t=told), tmp_path / name), *MAP)
         np.testing.assert_allclose(spread(tables, "force_n")[0], frame["t"], atol=1e-9)
 
 
@@ -121,8 +121,8 @@ def test_parts_that_stand_side_by_side_are_told_by_the_ends_of_names(tmp_path):
         np.testing.assert_allclose(time, frame["t"])
         np.testing.assert_array_equal(force, frame["F"])
     assert tables["measured_trials"].groupby("part")["samples"].sum().to_dict() == {"Est": 300, "Val": 120}
-    pd.DataFrame(columns).to_csv(tmp_path / "set.csv", index=False)
-    same = read_measured(tmp_path, tmp_path / "set.csv", *given, "measurement.part_endings=[Est,Val]")
+    table = keep(pd.DataFrame(columns), tmp_path / "set.csv")
+    same = read_measured(tmp_path, table, *given, "measurement.part_endings=[Est,Val]")
     pd.testing.assert_frame_equal(same["measured_signals"], tables["measured_signals"])
     told = refuse_measured(tmp_path, path, *given, "measurement.part_endings=[Est,Test]")
     assert "got none that is mapped and ends in Test; there are: uEst" in told
@@ -138,13 +138,9 @@ def test_records_of_unequal_length_share_the_blocks_by_their_length(tmp_path):
     assert "tell what begins anew there apart: set columns.record=NAME" in told
 
 
-def test_each_of_many_records_is_a_trial_of_its_own(tmp_path):
+def test_many_records_are_trials_and_runs_that_are_counted_anew_in_each_part_are_kept_apart(tmp_path):
     trials = read_runs(tmp_path, *(make_record(100 + k, run=f"r{k}") for k in range(20)))["measured_trials"]
-    assert trials["record"].tolist() == [f"r{k}" for k in range(20)]
-    assert trials["samples"].tolist() == [100 + k for k in range(20)]
-
-
-def test_runs_that_are_counted_anew_in_each_part_are_kept_apart(tmp_path):
+    assert trials[["record", "samples"]].to_numpy().tolist() == [[f"r{k}", 100 + k] for k in range(20)]
     runs = [make_record(50, part=part, run=run) for part in ("est", "val") for run in (1, 2)]
     trials = read_runs(tmp_path, *runs)["measured_trials"]
     assert trials["record"].unique().tolist() == ["est 1", "est 2", "val 1", "val 2"]
@@ -179,9 +175,8 @@ def test_what_was_not_measured_stays_so_when_it_is_resampled(tmp_path):
 
 
 def test_a_key_that_lacks_its_plus_is_told_how_to_be_added(pamid, tmp_path):
-    make_record().to_csv(tmp_path / "run.csv", index=False)
-    line = ("workflow=discrepancy", "measurement=records", f"measured={tmp_path}/run.csv")
-    result = pamid(*line, "columns.force_n=F", "plan=true")
+    path = keep(make_record(), tmp_path / "run.csv")
+    result = pamid("workflow=discrepancy", MAP[0], f"measured={path}", "columns.force_n=F", "plan=true")
     assert result.returncode == 2
     told = "unknown key 'columns.force_n': choose from: part, record, time_s; to add it, type +columns.force_n=..."
     assert told in result.stderr.replace("\n", " ")

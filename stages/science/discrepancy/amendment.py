@@ -22,18 +22,10 @@ def amend_plant(
 ) -> dict[str, Any]:
     """Return the configuration of a plant with fitted constants and added effects.
 
-    Effects that a plant had along its muscles' chains are left out: the constants were fitted without them.
-
-    Parameters
-    ----------
-    plant : Plant, or one of records
-        What was configured; what it left open is resolved from the data.
-    values : DataFrame
-        Columns ``muscle effect form parameter value``; an empty effect marks a nominal constant.
-    channels : DataFrame
-        Columns ``muscle channel white``: the white noise of each sensor.
-    muscles : DataFrame
-        Columns ``muscle type``; empty for a machine without muscles.
+    Effects that a plant had along its muscles' chains are left out: the constants were fitted without them. What the
+    plant left open is resolved from the data. The values have columns ``muscle effect form parameter value``, with an
+    empty effect for a nominal constant; channels ``muscle channel white``, the white noise of each sensor; muscles
+    ``muscle type``, and no rows for a machine without muscles.
     """
     constants, added = values[values["effect"] == ""], values[values["effect"] != ""]
     effects = [
@@ -62,10 +54,7 @@ def _by_name(rows: pd.DataFrame) -> dict[str, float]:
 def estimate_intervals(
     model: Model, values: Array, noise: Noise, settings: DiscrepancySettings, generator: np.random.Generator
 ) -> list[dict[str, Any]]:
-    """Return every value of a fitted model with its interval over resampled trials, and the bound it stands at, if any.
-
-    The model is one of the fitted trials, with its fitted values, (P,), and its channel's noise.
-    """
+    """Return the values, (P,), of a model of the fitted trials as rows of `amended_values`, with their intervals."""
     found = fit(model, noise, values, iterations=0)
     weights = resample(model.output.trials, settings.bootstraps, generator)
     low, high = find_interval(found.drawn_values(weights), settings.level)

@@ -64,32 +64,13 @@ class Dependence:
         return {f"low {name}": present & low, f"high {name}": present & ~low}
 
 
-def list_inputs(output: OutputChannel) -> list[Driver]:
-    """Return what a residual may depend on: drivers, their histories, time in trial and session; those that vary."""
-    within = np.repeat((np.arange(len(output.measured)) * output.step_s)[:, None], output.trials, axis=1)
-    times = [Driver("time_s", within, own=False), Driver("start_s", within + output.start_s, own=False)]
-    return [
-        each
-        for each in (*output.drivers(), *list_histories(output), *times)
-        if np.ptp(each.values[output.present]) > 0.0
-    ]
-
-
 def find_dependence(
     output: OutputChannel, residual: Array, settings: DescriptionSettings, generator: np.random.Generator
 ) -> Dependence:
-    """Return on which inputs a residual depends.
+    """Return on which inputs a residual depends: drivers, their histories, time in trial and session.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        Whose drivers are the inputs, with the trials that may be looked at.
-    residual : (T, K) ndarray
-        What a model leaves, zero where not present, in the channel's unit.
-    settings : DescriptionSettings
-        How many inputs may be chosen, how much each must help, and pseudo-inputs of each GP.
-    generator : numpy.random.Generator
-        Draws samples and pseudo-inputs.
+    The output has the trials that may be looked at; the residual, (T, K), is zero where not present, in the channel's
+    unit. The generator draws samples and pseudo-inputs.
 
     Notes
     -----
@@ -98,8 +79,11 @@ def find_dependence(
     together. The GP of the chosen ones is that of Snelson and Ghahramani (2006) with a length for each input. What it
     takes away is told of trials that had no part in either: in each of `FOLDS` folds inputs are chosen anew.
     """
-    inputs = list_inputs(output)
     present = output.present
+    within = np.repeat((np.arange(len(output.measured)) * output.step_s)[:, None], output.trials, axis=1)
+    times = [Driver("time_s", within, own=False), Driver("start_s", within + output.start_s, own=False)]
+    offered = (*output.drivers(), *list_histories(output), *times)
+    inputs = [each for each in offered if np.ptp(each.values[present]) > 0.0]
     columns = np.stack([(v - v[present].mean()) / v[present].std() for v in (each.values for each in inputs)], axis=2)
     nothing = Dependence((), *np.zeros((3, *residual.shape)))
     if not (residual[present] != 0.0).any() or output.trials < 3:
@@ -135,18 +119,9 @@ def _measure(values: Array) -> float:
 
 
 def fit_gaussian_process(inputs: Array, outputs: Array, pseudo_count: int, generator: np.random.Generator) -> SparseGP:
-    """Return a sparse GP of a residual, its hyperparameters the most probable ones.
+    """Return a sparse GP of a residual over its root mean square, (N,), its hyperparameters the most probable ones.
 
-    Parameters
-    ----------
-    inputs : (N, D) ndarray
-        Standardised.
-    outputs : (N,) ndarray
-        Over their root mean square.
-    pseudo_count : int
-        Pseudo-inputs, at most.
-    generator : numpy.random.Generator
-        Of the fit.
+    Inputs, (N, D), are standardised; the generator is of the fit.
     """
     dimensions = inputs.shape[1]
     length = LENGTHS[0] * np.sqrt(dimensions)
@@ -244,8 +219,8 @@ class _Forward:
 def _decompose(scaled: Array, count: int) -> tuple[list[int], Array]:
     """Return the pivot rows of a pivoted Cholesky factor of the covariance, and the factor, (M, N).
 
-    Each row is that of the largest variance given those before: Cholesky with pivots, of (N, D) rows in units of the
-    lengths (Fine and Scheinberg, JMLR 2, 2001; as pseudo-inputs, Burt, Rasmussen and van der Wilk, JMLR 21, 2020).
+    The (N, D) rows are in units of the lengths (Fine and Scheinberg, JMLR 2, 2001; as pseudo-inputs, Burt, Rasmussen
+    and van der Wilk, JMLR 21, 2020).
     """
     halves = 0.5 * (scaled**2).sum(axis=1)
     rest, root = np.ones(len(scaled)), np.zeros((min(count, len(scaled)), len(scaled)))
@@ -272,10 +247,7 @@ class Range(NamedTuple):
 
 
 def find_range(values: Array, taken: Array, least_part: float) -> Range:
-    """Return the range of an input, shortest in time, that holds a part of what is taken away.
-
-    Values are those of the input, (N,), and what is taken away is the fall of the squared residual at each, (N,).
-    """
+    """Return the range of an input, (N,), shortest in time, that holds a part of what is taken away, (N,)."""
     edges = np.quantile(values, np.linspace(0.0, 1.0, BINS + 1))
     place = np.clip(np.searchsorted(edges, values, side="right") - 1, 0, BINS - 1)
     sums = np.bincount(place, taken, BINS)

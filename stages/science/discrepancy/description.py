@@ -5,7 +5,7 @@ A fitted model, the noise floor and trials drawn again flow in; a row and averag
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import nan
 from typing import Any, NamedTuple
@@ -15,10 +15,10 @@ import pandas as pd
 
 from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.dependence import Dependence, find_dependence, find_range
-from stages.science.discrepancy.resampling import find_interval
+from stages.science.discrepancy.resampling import find_interval, resample
 from stages.science.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
 from stages.science.discrepancy.restoring import SearchTables
-from stages.science.discrepancy.settings import DescriptionSettings
+from stages.science.discrepancy.settings import DescriptionSettings, DiscrepancySettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.symbolic_regression import Sketch, sketch_residual
 from stages.science.output_channels.fitting import Fit, fit
@@ -77,17 +77,18 @@ class Description:
 def describe_above_floor(
     dataset: Dataset,
     found: SearchTables,
-    smallest_gap: float,
-    settings: DescriptionSettings,
-    weights: Array,
-    level: float,
-    generator: np.random.Generator,
+    settings: DiscrepancySettings,
+    how: DescriptionSettings,
+    draw: Callable[..., np.random.Generator],
 ) -> list[Description]:
     """Return a description, by `describe`, of each output channel whose gap after all additions is above the floor.
 
     Where an effect was added, the floor is what flexible models leave with it, if that is less: they do better beside
-    the right name than alone. A gap below `smallest_gap` times the floor is passed over.
+    the right name than alone. A gap below the smallest that matters is passed over. The generators that are drawn are
+    for trials and for pseudo-inputs.
     """
+    smallest_gap, generator = settings.search.smallest_gap, draw("pseudo-inputs")
+    weights = resample(len(dataset.fitted), settings.bootstraps, draw("resample"))
     known = {(row["channel"], row["muscle"]): row for row in found.channels.to_dict("records")}
     described = []
     for output in dataset.fitted_outputs:
@@ -102,7 +103,7 @@ def describe_above_floor(
             least = find_floor(fitted, noise, np.ones(model.output.trials, dtype=bool)).raw.sum()
             floor = min(floor, float(np.sqrt(least / max(int(model.output.present.sum()), 1))))
         if _measure(fitted.residual, fitted.model.output) > smallest_gap * floor:
-            described.append(describe(fitted, floor, settings, weights, level, generator))
+            described.append(describe(fitted, floor, how, weights, settings.level, generator))
     return described
 
 
@@ -114,20 +115,10 @@ def describe(
     level: float,
     generator: np.random.Generator,
 ) -> Description:
-    """Return on what a fitted model's residual depends.
+    """Return on what the residual of a model that is fitted to the trials that may be looked at depends.
 
-    Parameters
-    ----------
-    fitted : Fit
-        To the trials that may be looked at.
-    floor : float
-        Noise floor, in the channel's unit.
-    settings : DescriptionSettings
-        How many inputs, pseudo-inputs and terms, and how terms are chosen.
-    weights : (B, K) ndarray
-        Resampled trials, for intervals of the `level`.
-    generator : numpy.random.Generator
-        Draws pseudo-inputs.
+    The noise floor is in the channel's unit; the weights, (B, K), are of resampled trials, for intervals of the
+    `level`; the generator draws pseudo-inputs.
     """
     output, residual = fitted.model.output, fitted.residual
     found = find_dependence(output, residual, settings, generator)
@@ -173,11 +164,8 @@ def tabulate(described: Description) -> dict[str, Any]:
 def average_dependence(described: Sequence[Description]) -> pd.DataFrame:
     """Return confirmed residuals, and what the GP says of them, averaged along the first input.
 
-    Returns
-    -------
-    DataFrame
-        Columns ``channel muscle unit variable beside x mean error said deviation``: mean residual, its standard error
-        over trials, mean and standard deviation of the GP; ``beside`` tells the half of the second input, or is empty.
+    Columns are ``channel muscle unit variable beside x mean error said deviation``: mean residual, its standard error
+    over trials, mean and standard deviation of the GP; ``beside`` tells the half of the second input, or is empty.
     """
     columns = ["channel", "muscle", "unit", "variable", "beside", "x", "mean", "error", "said", "deviation"]
     frames = []

@@ -38,11 +38,7 @@ class Verdicts:
 
 @dataclass(frozen=True)
 class Beside:
-    """Log scores of all models of the outputs, all without or all with a static map.
-
-    They are those of each output if it carries nothing more, (C,), and, by name and form, and by the place of the
-    output, if it carries this form.
-    """
+    """Log scores, all without or with a static map: of each output, (C,), and by form and place if it carries that."""
 
     none: Array
     forms: Mapping[tuple[str, str], Mapping[int, float]]
@@ -56,22 +52,13 @@ def weigh_names(
     most_evidence: float,
     worth: Callable[[str, list[str], Array], bool],
 ) -> Verdicts:
-    """Return the probability of each name.
+    """Return the probability of each name, by scores without and with a static map.
 
-    Parameters
-    ----------
-    alone, beside : Beside
-        Scores without and with a static map.
-    channels : sequence of str
-        Channel of each output; a name is carried by outputs of one channel, a static map by all of a channel.
-    priors : mapping of str to float
-        Prior probability of each name, of nothing and, in each channel, of a static map. That of a name is shared
-        evenly by the numbers of outputs that may carry it, by the sets of that number, and by the forms.
-    most_evidence : float
-        Largest log ratio of two likelihoods that is believed, nats; larger ones are scaled down to it, all alike.
-    worth : callable
-        Whether a name would close a gap that matters, given its form in every output and the probability of each
-        output; one that would not has no probability, however sure its small gain is.
+    A name is carried by outputs of one channel, a static map by all of a channel; `channels` has that of each output.
+    The prior probability of a name is shared evenly by the numbers of outputs that may carry it, by the sets of that
+    number, and by the forms; that of a static map is of each channel. Log ratios of two likelihoods, nats, are scaled
+    down, all alike, to `most_evidence` at most. A name is `worth` it, given its form in every output and the
+    probability of each output, if it would close a gap that matters; else it has none, however sure its small gain is.
 
     Notes
     -----

@@ -70,11 +70,6 @@ class FittedChannel:
     leftover: Leftover
 
     @cached_property
-    def features(self) -> Array:
-        """Generic features of the output, for a flexible model."""
-        return build_features(self.output)
-
-    @cached_property
     def static_map(self) -> Blocks:
         """A static map of the output's signals."""
         return build_static_map(self.output)
@@ -117,7 +112,10 @@ class FittedChannel:
 def prepare(output: OutputChannel) -> FittedChannel:
     """Fit an output's nominal constants, and estimate its noise from what a flexible model leaves."""
     model = Model(output)
-    rough = _fit_constants(model)
+    begun = {each.name: value for each, value in zip(output.constants, model.start, strict=True)}
+    starts = [np.array(list((begun | other).values())) for other in ({}, *output.other_starts)]
+    plain = [fit_plain(model, start, 0.01 * output.range) for start in starts]
+    rough = min(plain, key=lambda each: float(each.raw.sum()))
     features, by_trees = build_features(output), explain_by_trees(output, rough.residual)
     by_memory = explain_by_memory(output, rough.residual)
     least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], output, by_memory=by_memory)
@@ -133,21 +131,8 @@ def prepare_all(outputs: Sequence[OutputChannel]) -> list[FittedChannel]:
     return map_in_threads(prepare, outputs, sum(each.measured.size for each in outputs))
 
 
-def _fit_constants(model: Model) -> Fitted:
-    """Fit constants as if their residual were white, from where they begin, and from wherever else an output says."""
-    output, names = model.output, [each.name for each in model.output.constants]
-    starts = [model.start]
-    for other in output.other_starts:
-        told = dict(zip(names, model.start, strict=True)) | other
-        starts.append(np.array([told[name] for name in names]))
-    return min((fit_plain(model, each, 0.01 * output.range) for each in starts), key=lambda each: float(each.raw.sum()))
-
-
 def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, left: Leftover) -> FittedChannel:
-    """Return an output of the fitted trials as `prepare` left it.
-
-    Its fitted constants are (P,); the residual of each trial left out of the fit is (T, K).
-    """
+    """Return an output as `prepare` left it: its constants, (P,), and the residual of trials left out, (T, K)."""
     found = fit(Model(output), noise, values, iterations=0)
     nominal = Fitted(found, residual, (residual**2).sum(axis=0))
     return FittedChannel(output, noise, nominal, nominal, left)
@@ -203,20 +188,14 @@ def drop_effects(fitted: Fitted, names: Collection[str], noise: Noise) -> Fitted
     kept = tuple(form for form in model.forms if form.name not in names)
     if len(kept) == len(model.forms):
         return fitted
-    place = len(model.output.constants)
-    start = list(fitted.fit.values[:place])
-    for form in model.forms:
-        if form in kept:
-            start += list(fitted.fit.values[place : place + len(form.parameters)])
-        place += len(form.parameters)
-    return assess(fit(replace(model, forms=kept), noise, np.array(start)), noise)
+    constants, effects = model.name_values(fitted.fit.values)
+    own = [constants, *(values for form, values in effects if form in kept)]
+    start = np.array([value for values in own for value in values.values()])
+    return assess(fit(replace(model, forms=kept), noise, start), noise)
 
 
 def correct_inputs(output: OutputChannel, fits: Sequence[Fitted]) -> OutputChannel:
-    """Return an output with its inputs corrected for the effects of sensors that the fits of its element's others hold.
-
-    The output is as it was recorded, of any trials; the fits are of all outputs.
-    """
+    """Return a recorded output with its inputs corrected for effects of sensors in the fits of its element's others."""
     effects = [
         (form.name, form.form, values)
         for each in fits
@@ -229,7 +208,7 @@ def correct_inputs(output: OutputChannel, fits: Sequence[Fitted]) -> OutputChann
 def continue_from(state: FittedChannel, current: Fitted) -> FittedChannel:
     """Return an output channel with another present fit; one without effects is its nominal fit too."""
     noise = current.estimate_noise()
-    by_features = explain_by_features(current.fit, state.features, noise)
+    by_features = explain_by_features(current.fit, build_features(state.output), noise)
     by_trees, by_memory = (explain(state.output, current.residual) for explain in (explain_by_trees, explain_by_memory))
     leftover = keep_least([by_trees, by_features], state.output, by_memory=by_memory)
     nominal = state.nominal if current.forms else current

@@ -33,9 +33,7 @@ def locate(
     """
     from statsmodels.stats.multitest import multipletests
 
-    rows: list[dict[str, Any]] = []
-    for state in states:
-        rows += _locate_in(state, settings, generator)
+    rows = [row for state in states for row in _locate_in(state, settings, generator)]
     if rows:
         adjusted = multipletests([row["p_value"] for row in rows], method="fdr_by")[1]
         for row, p in zip(rows, adjusted, strict=True):
@@ -76,12 +74,7 @@ def _locate_in(state: FittedChannel, settings: RegimeSettings, generator: np.ran
 
 
 def _find_regimes(output: OutputChannel, around_reversal: float) -> dict[str, Mask]:
-    """Return for each regime the samples in it, (T, K) ndarrays of bool.
-
-    Regimes come from the output's own drivers: the sign of each rate and the moments at which it turns, each signal's
-    high and low half, time within the trial, and the trial's place in the session. A reversal reaches over
-    `around_reversal` usual movements on both sides.
-    """
+    """Return for each regime the samples in it, (T, K); a reversal reaches over some usual movements on both sides."""
     present = output.present
     around = max(round(around_reversal / (output.step_s / output.time_scale_s)), 1)
     regimes: dict[str, Mask] = {}

@@ -27,10 +27,7 @@ SIGNALS = {
 
 
 def _collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, str], smoothing_s: float) -> Records:
-    """Return one muscle's trials, in their order, as arrays.
-
-    Another joint's angle is read from the first muscle on it; pressure and velocity are smoothed over `smoothing_s`.
-    """
+    """Return one muscle's trials, in their order, as arrays; another joint's angle is that of its first muscle."""
     measured, trials = tables.measured, tables.measured_trials
     order = list(trials["trial"])
     samples = int(measured.groupby(["trial", "muscle"]).size().max())
@@ -64,8 +61,7 @@ def _smooth(signal: Array, step_s: float, width_s: float) -> Array:
     window = 2 * max(round(0.5 * width_s / step_s), 2) + 1
     if len(signal) < window:
         return signal
-    smooth: Array = savgol_filter(signal, window, 3, axis=0)
-    return smooth
+    return np.asarray(savgol_filter(signal, window, 3, axis=0))
 
 
 def _spread(rows: pd.DataFrame, order: Sequence[int], column: str, samples: int) -> tuple[Any, Array]:
@@ -95,7 +91,9 @@ def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings)
     outputs: list[MuscleChannel] = []
     for row in muscles.to_dict("records"):
         records = _collect_records(tables, row["muscle"], joints, limits.smoothing_s)
-        build = _build(row, settings.max_pressure_kpa)
+        area, arm = 1000.0 * np.pi * (0.5 * row["nominal_diameter_m"]) ** 2, row["sign"] * row["moment_arm_m"]
+        most, zero = settings.max_pressure_kpa[row["type"]], row["contraction_at_angle_0"]
+        build = Build(row["muscle"], area, most, zero, arm / row["rest_length_m"], arm)
         for kind in (PressureChannel, ForceChannel):
             declared = tolerances[kind.channel]
             largest = float(np.abs(records.force_n[records.known["force_n"]]).max(initial=1.0))
@@ -105,12 +103,6 @@ def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings)
             if enough and output.is_driven(limits.least_drive_kpa):
                 outputs.append(output)
     return outputs
-
-
-def _build(row: Mapping[Any, Any], max_pressure_kpa: Mapping[str, float]) -> Build:
-    area, arm = 1000.0 * np.pi * (0.5 * row["nominal_diameter_m"]) ** 2, row["sign"] * row["moment_arm_m"]
-    most, zero = max_pressure_kpa[row["type"]], row["contraction_at_angle_0"]
-    return Build(row["muscle"], area, most, zero, arm / row["rest_length_m"], arm)
 
 
 def _constant(name: str, tolerance: Tolerance, row: Mapping[Any, Any], largest: float) -> Parameter:

@@ -67,11 +67,7 @@ class Round:
 
 
 def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) -> list[list[Screened]]:
-    """Return the screening results of each output channel; gains are zero where no gap matters.
-
-    Channels without a gap are screened too: some gaps show only with the form that closes them, and confounding with
-    the constants is reported in any case.
-    """
+    """Return the screening results of outputs, as gaps may show only with a form; gains are zero if none matters."""
     least, worth = 0.5 * (settings.smallest_gap - 1.0), set()
     listed = [[each for each in state.promises if each.form.name not in settings.left_out] for state in outputs]
     for state, promised in zip(outputs, listed, strict=True):
@@ -94,11 +90,9 @@ def rank(
     for state, listed in zip(outputs, candidates, strict=True):
         chosen = [each for each in listed if (state.output.channel, each.form.name, each.form.form) in close]
         choices.append(_extend(state, chosen))
-    names = sorted({each.form.name for listed in candidates for each in listed})
-    sizes: dict[str, int] = {}
-    for form in [each.form for listed in candidates for each in listed]:
-        sizes[form.name] = min(len(form.parameters), sizes.get(form.name, len(form.parameters)))
-    halved = {name: 0.5 ** sizes[name] for name in names}
+    offered = [each.form for listed in candidates for each in listed]
+    names = sorted({form.name for form in offered})
+    halved = {name: 0.5 ** min(len(form.parameters) for form in offered if form.name == name) for name in names}
     every = sum(halved.values()) / (1.0 - settings.none_prior - settings.family_prior)
     priors = {name: each / every for name, each in halved.items()}
     priors |= {NONE: settings.none_prior, MEMORY: settings.family_prior, STATIC_MAP: settings.static_prior}
@@ -109,7 +103,8 @@ def rank(
     alone, beside, families = _score_all(outputs, candidates, choices, settings)
     channels = [state.output.channel for state in outputs]
     verdicts = weigh_names(alone, beside, channels, priors, settings.most_evidence, worth)
-    verdicts = replace(verdicts, forms={name: _choose_forms(name, verdicts, choices) for name in verdicts.forms})
+    forms = {name: _choose_forms(name, probable, choices) for name, probable in verdicts.forms.items()}
+    verdicts = replace(verdicts, forms=forms)
     verdicts = _believe_exact(outputs, choices, verdicts, settings)
     raws = {}
     for name in names:
@@ -120,28 +115,28 @@ def rank(
     gaps, heldout = {}, {}
     for name, squares in raws.items():
         both = list(zip(outputs, squares, strict=True))
-        gaps[name] = _pool([state.ratio(raw) ** 2 for state, raw in both])
-        heldout[name] = _pool([raw.sum() / state.samples.sum() / state.output.range**2 for state, raw in both])
+        gaps[name] = float(np.sqrt(np.mean([state.ratio(raw) ** 2 for state, raw in both])))
+        squared = [raw.sum() / state.samples.sum() / state.output.range**2 for state, raw in both]
+        heldout[name] = float(np.sqrt(np.mean(squared)))
     named = _decide(outputs, choices, verdicts, gaps, settings)
     spoken = (named.name, *named.alternatives) if named else ()
     sites: dict[str, str] = {}
     confounded: dict[str, float] = {}
     for place, listed in enumerate(candidates):
-        for name, each in [(each.form.name, each) for each in listed]:
-            if verdicts.forms[name][place] != each.form.form:
-                continue
+        for each in [each for each in listed if verdicts.forms[each.form.name][place] == each.form.form]:
+            name = each.form.name
             sites[name] = each.form.site
             if name not in spoken:
                 confounded[name] = min(each.confounded_with_constants, confounded.get(name, np.inf))
     return Round(verdicts, confounded, gaps, heldout, sites, named), choices
 
 
-def _choose_forms(name: str, verdicts: Verdicts, choices: Sequence[Choice]) -> list[str]:
+def _choose_forms(name: str, probable: Sequence[str], choices: Sequence[Choice]) -> list[str]:
     """Return the form of a name with the smallest residual in each output, of those fitted; else the most probable."""
-    chosen = list(verdicts.forms[name])
-    for place, fitted in enumerate(choices):
+    chosen = []
+    for form, fitted in zip(probable, choices, strict=True):
         own = {form: float(each.raw.sum()) for (known, form), each in fitted.items() if known == name}
-        chosen[place] = min(own, key=own.__getitem__, default=chosen[place])
+        chosen.append(min(own, key=own.__getitem__, default=form))
     return chosen
 
 
@@ -177,20 +172,18 @@ def _score_all(
     choices: Sequence[Choice],
     settings: SearchSettings,
 ) -> tuple[Beside, Beside, list[dict[str, Array]]]:
-    """Return the scores of all models, without and with a static map of their own, and what families leave.
-
-    A memory is one of the models. Where no output of a channel has a gap, a family would only predict noise.
-    """
+    """Return the scores of all models, a memory among them, without and with a static map, and what families leave."""
     corrected = _fit_corrected(outputs, choices)
     extended = [dict(choice) for choice in choices]
     for place, _, sensor, fitted in corrected:
         extended[place][sensor] = fitted
     samples = sum(state.output.measured.size for state in outputs)
-    gaps = [
-        any(state.ratio(state.current.raw, each.raw) > settings.smallest_gap for each in (state.current, *own.values()))
+    open_channels = {
+        state.output.channel
         for state, own in zip(outputs, choices, strict=True)
-    ]
-    open_channels = {state.output.channel for state, gap in zip(outputs, gaps, strict=True) if gap}
+        for each in (state.current, *own.values())
+        if state.ratio(state.current.raw, each.raw) > settings.smallest_gap
+    }
     found = map_in_threads(
         lambda each: _score_output(*each, each[0].output.channel in open_channels, settings),
         list(zip(outputs, extended, strict=True)),
@@ -217,10 +210,7 @@ def _score_all(
 def _fit_corrected(
     outputs: Sequence[FittedChannel], choices: Sequence[Choice]
 ) -> list[tuple[int, int, tuple[str, str], Fitted]]:
-    """Return what candidates do to other outputs of their element: its place, the candidate's place, key and fit.
-
-    A sensor's effect corrupts the input of another output, whose present model is fitted to the corrected one.
-    """
+    """Return what effects of sensors do to other outputs of the element: place, candidate's place, key and fit."""
     corrected = []
     for source, key, fitted in [(source, *each) for source, choice in enumerate(choices) for each in choice.items()]:
         form, values = fitted.fit.model.name_values(fitted.fit.values)[1][-1]
@@ -238,10 +228,7 @@ def _fit_corrected(
 def _score_output(
     state: FittedChannel, choice: Choice, gap: bool, settings: SearchSettings
 ) -> tuple[list[dict[tuple[str, str], float]], dict[str, Array]]:
-    """Return the scores of an output's models, without and with a static map, and what families leave.
-
-    Where trials have an offset and a gain of their own, all are fitted under one noise, which the best of them leaves.
-    """
+    """Return the scores of an output's models, under one noise if trials jitter, and what families leave."""
     output, largest = state.output, settings.largest_jitter
     first: Choice = {(NONE, ""): state.current, **choice}
     if not choice and not gap:
@@ -292,14 +279,11 @@ def _shortlist(
 
 def _take_best(promised: Mapping[tuple[str, str, str], float], most: int) -> set[tuple[str, str, str]]:
     """Return the best two forms of the best `most` names."""
-    names: dict[str, int] = {}
-    kept = set()
+    names: dict[str, list[tuple[str, str, str]]] = {}
     for key in sorted((key for key in promised if promised[key] > 0.0), key=lambda key: (-promised[key], key)):
         if key[1] in names or len(names) < most:
-            names[key[1]] = names.get(key[1], 0) + 1
-            if names[key[1]] <= 2:
-                kept.add(key)
-    return kept
+            names.setdefault(key[1], []).append(key)
+    return {key for keys in names.values() for key in keys[:2]}
 
 
 def _extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
@@ -312,10 +296,6 @@ def _extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
         plain[each.form.name, each.form.form] = fit_plain(model, start, spread)
     near = NEAR_BEST * min((float(fitted.raw.sum()) for fitted in plain.values()), default=0.0)
     return {key: refit_coloured(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
-
-
-def _pool(squares: Sequence[float]) -> float:
-    return float(np.sqrt(np.mean(squares)))
 
 
 def _decide(
@@ -392,8 +372,8 @@ def _carriers(
             gains[place] = before
         elif _is_shown(state, fitted, settings):
             gains[place] = max(before, np.nextafter(settings.smallest_gap, np.inf))
-    channel = {outputs[place].output.channel for place in gains}
-    if len(channel) > 1:  # one name at one place of the chain: where it gains most
-        best = max(gains, key=lambda place: gains[place])
-        gains = {p: g for p, g in gains.items() if outputs[p].output.channel == outputs[best].output.channel}
-    return list(gains) if gains and max(gains.values()) > settings.smallest_gap else []
+    best = max(gains, key=gains.__getitem__, default=None)
+    if best is None or gains[best] <= settings.smallest_gap:
+        return []
+    # one name at one place of the chain: where it gains most
+    return [place for place in gains if outputs[place].output.channel == outputs[best].output.channel]

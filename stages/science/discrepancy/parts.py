@@ -57,17 +57,9 @@ def list_parts(trials: pd.DataFrame, parts: Parts, share: float) -> pd.DataFrame
 def assign_parts(given: Sequence[str], parts: Parts, share: float, records: Sequence[str] = ()) -> list[str]:
     """Return what each trial is for: ``fitted``, ``verification`` or ``other``.
 
-    Parameters
-    ----------
-    given : sequence of str
-        Part of each trial, as recorded.
-    parts : Parts
-        Which parts are fitted, and which hold the test trials.
-    share : float
-        Of the fitted parts' trials that become test trials, where no part is named for that. Of a part with at least
-        three records, whole records are.
-    records : sequence of str
-        Record that each trial is a block of; empty where trials are no blocks.
+    `given` is the part of each trial, as recorded, and `records` the record that it is a block of; empty where trials
+    are no blocks. Where no part is named for that, a share of the fitted parts' trials become test trials: of a part
+    with at least three records, whole records do.
 
     Raises
     ------
@@ -116,12 +108,10 @@ def leave_gaps(trials: pd.DataFrame, purposes: Sequence[str], share: float) -> p
     where trials do not follow each other.
     """
     before, after = [0] * len(trials), [0] * len(trials)
-    records, samples = list(trials["record"]), list(trials["samples"])
-    for k in range(len(trials) - 1):
-        if not records[k] or records[k] != records[k + 1]:
-            continue
+    records, left = list(trials["record"]), [math.ceil(share * samples) for samples in trials["samples"]]
+    for k in [k for k in range(len(trials) - 1) if records[k] and records[k] == records[k + 1]]:
         if (purposes[k], purposes[k + 1]) == (FITTED, VERIFICATION):
-            after[k] = math.ceil(share * samples[k])
+            after[k] = left[k]
         if (purposes[k], purposes[k + 1]) == (VERIFICATION, FITTED):
-            before[k + 1] = math.ceil(share * samples[k + 1])
+            before[k + 1] = left[k + 1]
     return pd.DataFrame({"left_before": before, "left_after": after})

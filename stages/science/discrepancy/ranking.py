@@ -1,31 +1,23 @@
-"""What a search found, as rows: its rounds, the effects that it named, what is left, the values at each step."""
+"""What a search found, as rows: its rounds, the effects that it named, the values at each step."""
 
 from __future__ import annotations
 
-import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 from stages.science.discrepancy.evidence import NONE
 from stages.science.discrepancy.fitted_channel import Fitted
 from stages.science.discrepancy.naming import Named
-from stages.science.discrepancy.remainder import Remainder
 from stages.science.discrepancy.search import Search
 
 UNKNOWN = "unknown"
 
 
 def rank_first(found: Search, unknown: float, most_confounded: float) -> list[dict[str, Any]]:
-    """Return a row for each candidate of each round, the most probable first.
+    """Return a row for each candidate of each round of an ended search, the most probable first.
 
-    Parameters
-    ----------
-    found : Search
-        Ended.
-    unknown : float
-        Probability of something without a name; it takes its part of every round.
-    most_confounded : float
-        Share of an effect's change that the constants may imitate.
+    Something without a name has the probability `unknown`, which takes its part of every round; `most_confounded` is
+    the share of an effect's change that the constants may imitate.
     """
     rows = []
     for number, looked in enumerate(found.rounds, start=1):
@@ -70,40 +62,13 @@ def list_named(named: Sequence[Named]) -> list[dict[str, Any]]:
     ]
 
 
-def list_remainders(left: Mapping[str, Remainder]) -> list[dict[str, Any]]:
-    """Return a row for each channel: what is left after all that was named."""
-    return [
-        {
-            "channel": channel,
-            "share": each.share,
-            "probability": each.unknown,
-            "family": each.family,
-            "imitated": each.ambiguous,
-            "line_hz": math.nan if each.line_hz is None else each.line_hz,
-        }
-        for channel, each in left.items()
-    ]
-
-
-def list_steps(steps: Sequence[Sequence[Fitted]]) -> list[dict[str, Any]]:
-    """Return every value of every output after each addition."""
-    rows = []
+def list_steps(steps: Sequence[Sequence[Fitted]]) -> list[tuple[Any, ...]]:
+    """Return every value of every output after each addition, in the order of the columns of the table `steps`."""
+    rows: list[tuple[Any, ...]] = []
     for step, fits in enumerate(steps):
         for each in fits:
             output = each.fit.model.output
             constants, effects = each.fit.model.name_values(each.fit.values)
-            owners = [("", "", constants), *((form.name, form.form, values) for form, values in effects)]
-            rows += [
-                {
-                    "step": step,
-                    "channel": output.channel,
-                    "muscle": output.element,
-                    "effect": effect,
-                    "form": form,
-                    "parameter": name,
-                    "value": value,
-                }
-                for effect, form, values in owners
-                for name, value in values.items()
-            ]
+            for effect, form, values in [("", "", constants), *((form.name, form.form, own) for form, own in effects)]:
+                rows += [(step, output.channel, output.element, effect, form, *own) for own in values.items()]
     return rows

@@ -10,7 +10,6 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, refit
@@ -26,27 +25,20 @@ DRAWS = 1000
 class Remainder(NamedTuple):
     """What a channel's named effects leave.
 
-    Parameters
-    ----------
-    share : float
-        Of the initial gap above the floor, what a flexible model, or the family, would still remove: a median.
-    unknown : float
-        Probability that it is more than the limit while the gap left is one that matters.
-    ambiguous : float
-        Probability that the named effects leave more than forms of one effect differ by, or that they are too many.
-    line_hz : float or None
-        Frequency of an oscillation in all trials of one of its elements, Hz.
-    family : str
-        That explains it: a static map, where the channel follows one more probably than not and it removes more than
-        half, a linear memory of the inputs, where it removes most in one of them; else empty.
-    doubt : float
-        Probability that names of the channel leave something that a static map does not explain either.
+    `share` is the part of the initial gap above the floor that a flexible model, or the family, would still remove: a
+    median; `line_hz` the frequency of an oscillation in all trials of one of its elements, Hz, or nan. The family
+    explains it: a static map, where the channel follows one more probably than not and it removes more than half, a
+    memory, where a linear one of the inputs removes most in one of them; else it is empty.
+
+    The others are probabilities: `unknown` that it is more than the limit while the gap left is one that matters,
+    `ambiguous` that the named effects leave more than forms of one effect differ by, or that they are too many, `doubt`
+    that names of the channel leave something that a static map does not explain either.
     """
 
     share: float
     unknown: float
     ambiguous: float
-    line_hz: float | None
+    line_hz: float
     family: str
     doubt: float
 
@@ -65,16 +57,15 @@ def weigh_remainder(
         states = [state for state in found.outputs if state.output.channel == channel]
         weights = generator.dirichlet(np.ones(len(states[0].samples)), DRAWS)
         fits = [state.nominal for state in states], [reached[id(state)] for state in states]
-        share, matters = _weigh(states, *fits, weights, settings)
-        sure = _count(share, matters, settings)
+        share, sure = _weigh(states, *fits, weights, settings)
         left, told, by_map = sure, float(np.median(share)), 0.0
         if mapped >= settings.certain:
             before, after = (
                 [refit(own, make_plain(own.spread), state.static_map) for state, own in zip(states, some, strict=True)]
                 for some in fits
             )
-            unmapped = _weigh(states, before, after, weights, settings)
-            left, ambiguous = _count(*unmapped, settings), float((unmapped[0] > settings.ambiguous_share).mean())
+            unmapped, left = _weigh(states, before, after, weights, settings)
+            ambiguous = float((unmapped > settings.ambiguous_share).mean())
             now, beside = (_draw_gap(states, weights, [each.raw for each in some]) for some in (fits[1], after))
             least = _draw_gap(states, weights, [state.leftover.raw for state in states])
             by_map = float(np.median(share * np.clip((now - beside) / np.maximum(now - least, 1e-9), 0.0, 1.0)))
@@ -88,7 +79,7 @@ def weigh_remainder(
         if sum(each.channel == channel and not each.shown for each in named) >= settings.most_effects:
             ambiguous = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
-        line_hz = float(np.median(lines)) if lines else None
+        line_hz = float(np.median(lines)) if lines else np.nan
         remembered = MEMORY if any(state.leftover.linear_memory for state in states) else ""
         family = STATIC_MAP if by_map > 0.5 * told else remembered
         doubt = max(left, settings.remainder.ambiguous_weight * ambiguous)
@@ -104,17 +95,14 @@ def _weigh(
     after: Sequence[Fitted],
     weights: Array,
     settings: SearchSettings,
-) -> tuple[Array, NDArray[np.bool_]]:
-    """Return the share of the gap that is left, and whether a gap is, under each of the weights of trials."""
+) -> tuple[Array, float]:
+    """Return the share of the gap that is left under each of the weights, and how often it and the gap matter."""
     raws = [each.raw for each in before], [each.raw for each in after], [state.leftover.raw for state in states]
     initial, now, least = (_draw_gap(states, weights, each) for each in raws)
     seen = initial > (1.0 + 0.5 * (settings.smallest_gap - 1.0)) * least  # beside no gap, no share of it means much
     share = np.where(seen, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
-    return share, now > settings.smallest_gap * least
-
-
-def _count(share: Array, matters: NDArray[np.bool_], settings: SearchSettings) -> float:
-    return float((matters & (share > settings.unexplained_share)).mean())
+    matters = (now > settings.smallest_gap * least) & (share > settings.unexplained_share)
+    return share, float(matters.mean())
 
 
 def is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
@@ -129,5 +117,4 @@ def _draw_gap(states: Sequence[FittedChannel], weights: Array, raws: Sequence[Ar
         own = weights[:, : len(state.samples)]
         mean = (own @ raw) / (own @ state.samples)
         ratios.append(mean / state.floor**2)
-    gap: Array = np.sqrt(np.mean(ratios, axis=0))
-    return gap
+    return np.asarray(np.sqrt(np.mean(ratios, axis=0)))

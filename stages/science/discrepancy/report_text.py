@@ -11,7 +11,7 @@ import pandas as pd
 from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
 from stages.science.discrepancy.settings import DiscrepancySettings, ReportSettings
 from stages.science.discrepancy.signal_names import name_signal
-from stages.science.plant.effect import Effect, Parameter, find_effect
+from stages.science.plant.effect import Parameter, find_effect
 from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
@@ -31,23 +31,20 @@ def describe_verdict(
     remarks: Sequence[str],
     settings: DiscrepancySettings,
 ) -> list[str]:
-    """Return the verdict as sentences.
+    """Return the verdict, as kept in verdict.json, as sentences.
 
-    Parameters
-    ----------
-    verdict : mapping
-        As kept in verdict.json.
-    places : sequence of mapping
-        Rows of the table `gap` that tell where, the largest gap first.
-    absorbed : sequence of str
-        Names that could act where the gap is, but cannot be told from the fitted constants.
-    remarks : sequence of str
-        Sentences that follow.
-    settings : DiscrepancySettings
-        From where on something is mentioned.
+    `places` are rows of the table `gap` that tell where, the largest gap first, `absorbed` names that could act where
+    the gap is but cannot be told from the fitted constants, and `remarks` sentences that follow.
     """
     if verdict["status"] == "no_discrepancy":
-        sentences = _describe_no_discrepancy(verdict)
+        gap = verdict["gap"]
+        sentences = [
+            f"Nothing that matters is missing (probability {_sure(1.0 - verdict['missing_probability'])}): on "
+            f"{_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
+            f"{_compare_with_floor(gap['before'], gap['noise_floor'])}; in its worst channel it is at most "
+            f"{gap['over_floor']['high']:.2f} times the floor (one-sided limit over trials).",
+            *_describe_suspected(verdict),
+        ]
     else:
         by_channel: dict[str, list[Mapping[str, Any]]] = {}
         for each in places:
@@ -59,17 +56,6 @@ def describe_verdict(
         names = _shorten([_spell(each) for each in absorbed])
         sentences.append(f"Not judged, as in these data the fitted constants absorb what it does: {names}.")
     return [*sentences, *remarks]
-
-
-def _describe_no_discrepancy(verdict: Mapping[str, Any]) -> list[str]:
-    gap = verdict["gap"]
-    return [
-        f"Nothing that matters is missing (probability {_sure(1.0 - verdict['missing_probability'])}): on "
-        f"{_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
-        f"{_compare_with_floor(gap['before'], gap['noise_floor'])}; in its worst channel it is at most "
-        f"{gap['over_floor']['high']:.2f} times the floor (one-sided limit over trials).",
-        *_describe_suspected(verdict),
-    ]
 
 
 def _compare_with_floor(gap: float, floor: float) -> str:
@@ -89,22 +75,19 @@ def _describe_suspected(verdict: Mapping[str, Any]) -> list[str]:
 
 def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap, effects, left = verdict["gap"], verdict["effects"], verdict["remainder"]
+    family = FAMILIES.get(left["family"], "a flexible model")
     told = [_describe_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
     channels = [each["channel"] for each in effects]
     if max(channels.count(each) for each in channels) >= settings.search.most_effects:
         doubt = "So many names in one channel may stand in for one effect that the library does not hold."
-    elif left["share"] > settings.report.least_share:
-        doubt = (
-            f"What is left ({_percent(left['share'])} of the gap above the noise) is more than forms of one effect "
-            "usually differ by: the name may stand in for something that the library does not hold."
-        )
     else:
-        doubt = (
-            "The noise floor is so far above the sensor's noise that it may hide what is there: the name may stand in "
-            "for something that the library does not hold."
-        )
+        doubt = "The noise floor is so far above the sensor's noise that it may hide what is there"
+        if left["share"] > settings.report.least_share:
+            doubt = f"What is left ({_percent(left['share'])} of the gap above the noise) is more than forms of one "
+            doubt += "effect usually differ by"
+        doubt += ": the name may stand in for something that the library does not hold."
     remains = (
-        f"So much remains: {_name_family(left['family'])} would still take away {_percent(left['share'])} of what was "
+        f"So much remains: {family} would still take away {_percent(left['share'])} of what was "
         "above the noise; that has no name in the library."
     )
     return [
@@ -138,13 +121,14 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
     near = f" {_spell(nearest['name']).capitalize()} would be one, but is not enough." if nearest else ""
     line_hz, mapped = left["line_hz"], left["family"] == STATIC_MAP
+    family = FAMILIES.get(left["family"], "a flexible model")
     hum = f"an oscillation at {line_hz or 0.0:.3g} Hz runs through all trials, which the simulation lacks"
     if line_hz is not None and not mapped:
         reproducible = hum
     elif left["family"] is None and share < settings.report.least_share:
         reproducible = "no measured signal tells what it depends on"
     else:
-        reproducible = f"{_name_family(left['family'])} takes away {_percent(share)} of what is above the noise"
+        reproducible = f"{family} takes away {_percent(share)} of what is above the noise"
         reproducible += f"; beside it {hum}" if line_hz is not None else ""
     return [
         f"Something is missing (probability {_sure(verdict['missing_probability'])}) that no effect of the library "
@@ -153,10 +137,6 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
         on_test,
         *_describe_suspected(verdict),
     ]
-
-
-def _name_family(family: str | None) -> str:
-    return FAMILIES.get(family or "", "a flexible model")
 
 
 def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) -> str:
@@ -179,11 +159,9 @@ def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) ->
 
 def describe_silent_channels(judged: Collection[tuple[str, str]], muscles: Sequence[str]) -> list[str]:
     """Return which channels of the measured muscles were not `judged`, as their data are missing or never change."""
-    told = []
-    for channel, name in (("pressure_kpa", "pressure"), ("force_n", "force")):
-        silent = [each for each in muscles if (channel, each) not in judged]
-        if silent:
-            told.append(f"{name} of {_join(silent)}")
+    names = {"pressure_kpa": "pressure", "force_n": "force"}
+    silent = {channel: [each for each in muscles if (channel, each) not in judged] for channel in names}
+    told = [f"{names[channel]} of {_join(silent[channel])}" for channel in names if silent[channel]]
     return [f"Not judged, as data are missing, too few, or never change: {'; '.join(told)}."] if told else []
 
 
@@ -315,11 +293,12 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
     others = [each for each in ranking if _is_candidate(each) and each["name"] not in alike_names]
     following = min(others, key=lambda each: (-round(each["probability"], 3), each["heldout_gap"]), default=None)
     second = f"; next is {_spell(following['name'])}, {_sure(following['probability'])}" if following and first else ""
+    optional = [_describe_size(effect, each) for each in known.parameters if each.optional]
+    sizes = " ".join(filter(None, optional)) or _describe_size(effect, known.parameters[0])
     alike = " with those like it" if len(alike_names) > 1 else ""
     text = (
         f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
-        f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. "
-        f"{_describe_sizes(effect, known)}"
+        f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. {sizes}"
     )
     if not effect["reproduced"]:
         step = effect["step"]
@@ -331,12 +310,6 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
         like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
         text += f" These data do not exclude {like}; what would tell them apart: {known.split_by}."
     return text
-
-
-def _describe_sizes(effect: Mapping[str, Any], known: Effect) -> str:
-    """Return the sizes of the parameters that were optional, else of the first."""
-    optional = [_describe_size(effect, each) for each in known.parameters if each.optional]
-    return " ".join(filter(None, optional)) or _describe_size(effect, known.parameters[0])
 
 
 def _describe_size(effect: Mapping[str, Any], size: Parameter) -> str:

@@ -60,8 +60,7 @@ def average_loops(states: Sequence[FittedChannel]) -> pd.DataFrame:
 
 def list_signals(output: OutputChannel) -> dict[str, Array]:
     """Return an output's own drivers by name."""
-    own = [each for each in output.drivers() if each.own]
-    return dict(map(attrgetter("name", "values"), own))
+    return dict(map(attrgetter("name", "values"), [each for each in output.drivers() if each.own]))
 
 
 def average_by_direction(variable: Array, rate: Array | None, values: Array, output: OutputChannel) -> pd.DataFrame:
@@ -122,5 +121,4 @@ def _compressed_edges(values: Array) -> Array:
     """Return bin edges on an inverse hyperbolic sine scale, even for slow rates and wide for fast ones."""
     usual = np.abs(values[values != 0.0])
     scale = float(np.median(usual)) if usual.size else 1.0
-    edges: Array = scale * np.sinh(equal_edges(np.arcsinh(values / scale), PLANE_BINS))
-    return edges
+    return np.asarray(scale * np.sinh(equal_edges(np.arcsinh(values / scale), PLANE_BINS)))

@@ -54,10 +54,7 @@ class SearchTables:
         return Noise(*(float(row[name]) for name in Noise._fields))
 
     def restore(self, output: OutputChannel, step: int) -> tuple[Model, Array]:
-        """Return an output's model and values after a number of additions, its inputs corrected by what is known then.
-
-        The output may have any of the dataset's trials.
-        """
+        """Return an output's model and values after some additions, its inputs corrected by what is known then."""
         steps = self.steps
         now = steps[(steps["step"] == step) & (steps["muscle"] == output.element)]
         rows = now[now["channel"] == output.channel]
@@ -74,10 +71,7 @@ class SearchTables:
 
 
 def list_residuals(states: Sequence[FittedChannel], trials: Sequence[int]) -> pd.DataFrame:
-    """Return what the nominal model leaves of every sample, and what a flexible one would leave, trials left out.
-
-    Rows are those of the table `residuals`; `trials` are the numbers of the outputs' trials.
-    """
+    """Return the rows of the table `residuals`; `trials` are the numbers of the outputs' trials."""
     frames = []
     for state in states:
         place, sample = np.nonzero(state.output.present.T)

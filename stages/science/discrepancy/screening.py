@@ -84,15 +84,12 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[EffectForm]) -> list[Screened
 
 
 def _try_starts(found: Fit, forms: Sequence[EffectForm]) -> dict[tuple[str, str], Screened]:
-    """Return the screening results of forms by a few iterations of a fit from each of their starts.
-
-    Constants start at their present values and, for a form with a threshold, at their prior means too: without the
-    effect they may be far off.
-    """
+    """Return the screening results of forms by a few iterations of a fit from each of their starts."""
     output, model = found.model.output, found.model
     before = np.sum(np.where(output.present, found.leave_each_out(), 0.0) ** 2)
     noise = make_plain(float(np.sqrt((found.residual**2).sum() / max(output.present.sum(), 1))))
     fixed = len(output.constants)
+    # without an effect that has a threshold, constants may be far off: they start at their prior means too
     bases = (found.values, np.concatenate([model.prior[0][:fixed], found.values[fixed:]]))
     best: dict[tuple[str, str], Screened] = {}
     for form in forms:

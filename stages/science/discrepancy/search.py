@@ -71,10 +71,7 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
 
 
 def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
-    """Take over the constants of a candidate's fit where these alone are better; return whether there are any.
-
-    A form with a threshold is fitted from several values of the constants, and may have found better ones by chance.
-    """
+    """Take over constants that a form with a threshold found, where they alone are better; return whether any are."""
     better = False
     for place, state in enumerate(found.outputs):
         least = BETTER * float(state.current.raw.sum())

@@ -16,17 +16,8 @@ CALLED = {
 }
 
 
-RATE = "rate of"
-
-
 def name_signal(name: str) -> tuple[str, str]:
-    """Return a signal's name in words, and its unit; empty where the name tells none.
-
-    Parameters
-    ----------
-    name : str
-        As drivers are called: words before the last blank stay as they are.
-    """
+    """Return a driver's name in words, those before the last blank as they are, and its unit; empty if none is told."""
     before, blank, column = name.rpartition(" ")
     if column in CALLED:
         words, unit = CALLED[column]
@@ -34,7 +25,7 @@ def name_signal(name: str) -> tuple[str, str]:
         end = max((each for each in ENDS if column.endswith(f"_{each}")), key=len, default="")
         words = column.removesuffix(f"_{end}").replace("_", " ") if end else column.replace("_", " ")
         unit = own_unit(column) if end else ""
-    if before == RATE:
+    if before == "rate of":
         unit = ""  # in scales per pace
     if before.startswith(DISTANCE):
         unit = unit.removesuffix("/s").removesuffix("1")

@@ -50,16 +50,9 @@ class Sketch:
 def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSettings) -> Sketch:
     """Return a short formula for what a fitted model leaves.
 
-    Parameters
-    ----------
-    fit : Fit
-        With its residual and slopes.
-    inputs : sequence of Driver
-        What may stand in the formula.
-    settings : DescriptionSettings
-        How many terms it may have, and how they are chosen: ``stepwise`` for orthogonal least squares (Chen, Billings
-        and Luo, Int. J. Control 50, 1989), or ``pysindy`` for the sequentially thresholded least squares of that
-        package (Brunton, Proctor and Kutz, PNAS 113, 2016).
+    Only the inputs may stand in it. The settings say how many terms it may have, and how they are chosen: ``stepwise``
+    by orthogonal least squares (Chen, Billings and Luo, Int. J. Control 50, 1989), or by ``pysindy``, with the
+    sequentially thresholded least squares of that package (Brunton, Proctor and Kutz, PNAS 113, 2016).
 
     Raises
     ------

@@ -19,16 +19,8 @@ from stages.science.signals.trajectories import Array
 class TrialScores:
     """Scores of models of one output, comparable with each other.
 
-    Parameters
-    ----------
-    output : OutputChannel
-        What was predicted.
-    effective : float
-        Number of independent samples of shape.
-    noise : float
-        Variance of a trial's offset and gain that the noise of its shape alone makes.
-    jitter : float
-        Largest variance of them beside that.
+    `effective` is the number of independent samples of shape, `noise` the variance of a trial's offset and gain that
+    the noise of its shape alone makes, and `jitter` the largest variance of them beside that.
     """
 
     output: OutputChannel

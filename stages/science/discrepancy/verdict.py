@@ -17,10 +17,7 @@ UPSTREAM = ("command", "valve")
 
 
 def list_confounded(ranking: pd.DataFrame, channels: Collection[str] = ()) -> list[str]:
-    """Return the effects of the table `ranking` that are confounded with the constants in every round.
-
-    With channels in which there is a gap, only those that could act in one of these.
-    """
+    """Return the effects of `ranking` confounded in every round; with channels, only those that could act there."""
     always = ranking["absorbed"].groupby(ranking["name"]).transform("all")
     rows = ranking[(ranking["round"] == 1) & always]
     sites = [site not in UPSTREAM if "pressure_kpa" not in channels and channels else True for site in rows["site"]]
@@ -30,12 +27,7 @@ def list_confounded(ranking: pd.DataFrame, channels: Collection[str] = ()) -> li
 def summarise_remainder(unexplained: pd.DataFrame, remainder: pd.DataFrame, certain: float) -> dict[str, Any]:
     """Return what is left without a name, as the verdict tells it: of the channel in which that is most probable.
 
-    Parameters
-    ----------
-    unexplained, remainder : DataFrame
-        Tables of these names.
-    certain : float
-        Probability from which on something is said to be left.
+    The tables are of these names; from the probability `certain` on something is said to be left.
     """
     worst = unexplained.sort_values("probability", kind="stable").iloc[-1]
     line_hz = float(worst["line_hz"])
@@ -58,22 +50,10 @@ def summarise_remainder(unexplained: pd.DataFrame, remainder: pd.DataFrame, cert
     }
 
 
-def list_candidates(ranking: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return the candidates of the first round of the table `ranking`, as the verdict lists them."""
-    return _list_rows(ranking[ranking["round"] == 1], ["name", "probability", "heldout_gap", "absorbed"])
-
-
-def _list_rows(rows: pd.DataFrame, kept: list[str]) -> list[dict[str, Any]]:
-    return [{str(name): value for name, value in row.items()} for row in rows[kept].to_dict("records")]
-
-
 def locate_most(
     gap: pd.DataFrame, channels: pd.DataFrame, named: pd.DataFrame, settings: DiscrepancySettings
-) -> list[dict[str, Any]]:
-    """Return for each channel with a gap that matters the regime in which the gap is most concentrated.
-
-    The tables are `gap`, `channels` and `named_effects`; where an effect is named, a gap matters, however small.
-    """
+) -> list[dict[Any, Any]]:
+    """Return the regime where the gap is most concentrated, by channel in which it matters or an effect is named."""
     place = ["channel", "muscle"]
     rows = gap.merge(channels[[*place, "unit", "gap_over_floor"]], on=place)
     carried = set(zip(named["channel"], named["muscle"], strict=True))
@@ -87,21 +67,14 @@ def locate_most(
     best = rows.sort_values("dense", ascending=False).groupby(place, sort=False).head(1)
     best = best.sort_values("gap_over_floor", ascending=False).head(settings.report.most_places)
     kept = [*place, "unit", "regime", "share_of_gap", "share_of_time", "largest", "p_value", "p_adjusted"]
-    return _list_rows(best, kept)
+    return best[kept].to_dict("records")
 
 
 def reproduce_effects(named: pd.DataFrame, driven: pd.DataFrame, settings: DiscrepancySettings) -> pd.DataFrame:
-    """Return the effects that stand, with the gap before and after each on the test trials, and whether it falls there.
+    """Return the table `named_effects` with columns ``gap_before gap_after p_step reproduced``, on the test trials.
 
-    Parameters
-    ----------
-    named : DataFrame
-        Table `named_effects`; columns ``gap_before``, ``gap_after``, ``p_step`` and ``reproduced`` are added.
-    driven : DataFrame
-        Rows of the table `verification`, by step.
-    settings : DiscrepancySettings
-        Significance level of the fall from the step before; with so few trials that none could be less, the least
-        p-value that there can be.
+    The gaps are those of the rows of `verification`, by step. An effect is reproduced where the fall from the step
+    before is significant or, with so few trials that none could be, has the least p-value that there can be.
     """
     gap, p_step = driven["gap"].to_numpy(), driven["p_step"].to_numpy()
     order = named["order"].to_numpy(dtype=int)
@@ -121,17 +94,14 @@ def list_suspected(suspected: pd.DataFrame) -> list[dict[str, Any]]:
             "probability": float(rows["probability"].iloc[0]),
             "p_value": float(rows["p_value"].iloc[0]),
         }
-        for _, rows in suspected.groupby("order", sort=True)
+        for _, rows in suspected.groupby("order")
     ]
 
 
 def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str, Any]]:
-    """Return each effect of `reproduce_effects` with its muscles and parameters, from the table `amended_values`.
-
-    Parameters are told for each muscle, and as means over those that carry the commonest form.
-    """
+    """Return each effect of `reproduce_effects`, with `amended_values` by muscle, and means over the commonest form."""
     effects = []
-    for _, rows in named.groupby("order", sort=True):
+    for _, rows in named.groupby("order"):
         first, form = rows.iloc[0], str(rows["form"].mode().iloc[0])
         own = values[(values["effect"] == first["name"]) & values["muscle"].isin(rows["muscle"])]
         alike = own[own["form"] == form]

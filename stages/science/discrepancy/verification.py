@@ -44,14 +44,7 @@ class Verified:
     def squares(self, simulated: Array) -> Array:
         """Return each trial's sum of squares over the range squared."""
         residual = np.where(self.output.present, self.output.measured - simulated, 0.0)
-        found: Array = (residual**2).sum(axis=0) / self.output.range**2
-        return found
-
-
-def select_judged(found: SearchTables, verified: Sequence[Verified]) -> list[Verified]:
-    """Return the outputs of the channels in which something was named, or all where nothing was."""
-    concerned = set(found.named_effects["channel"]) or set(found.channels["channel"])
-    return [each for each in verified if each.output.channel in concerned]
+        return np.asarray((residual**2).sum(axis=0) / self.output.range**2)
 
 
 def verify(outputs: Sequence[OutputChannel], fitted: Sequence[int], found: SearchTables) -> list[Verified]:
@@ -77,15 +70,11 @@ def verify(outputs: Sequence[OutputChannel], fitted: Sequence[int], found: Searc
 
 
 def find_test_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
-    """Return each trial's sum of squares left by a flexible model fitted to the `learnt` trials; zero without data.
-
-    It is not held below what the model itself leaves: where it is more, the gap is not resolved.
-    """
+    """Return each trial's sum of squares left by a flexible model fitted to the `learnt` trials; zero without data."""
     seen = np.flatnonzero(model.output.present.any(axis=0))
     still = fit(replace(model, output=model.output.take(seen.tolist())), noise, values, iterations=0)
     floor = np.zeros(model.output.trials)
-    least = find_floor(still, noise, learnt[seen])
-    floor[seen] = least.raw
+    floor[seen] = find_floor(still, noise, learnt[seen]).raw
     return floor
 
 
@@ -93,8 +82,7 @@ def _pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[
     """Return each trial's gap, RMSE over range, root mean square over outputs with data in it, (K,) ndarray."""
     counts = np.stack([each.output.present.sum(axis=0) for each in found])[:, list(trials)]
     mean = np.stack(squares)[:, list(trials)] / np.maximum(counts, 1)
-    gaps: Array = np.sqrt(np.where(counts > 0, mean, 0.0).sum(axis=0) / np.maximum((counts > 0).sum(axis=0), 1))
-    return gaps
+    return np.asarray(np.sqrt(np.where(counts > 0, mean, 0.0).sum(axis=0) / np.maximum((counts > 0).sum(axis=0), 1)))
 
 
 def compare_steps(
@@ -107,18 +95,8 @@ def compare_steps(
 ) -> list[dict[str, Any]]:
     """Return the gap of some trials before and after each addition, and the noise floor: rows of `verification`.
 
-    Parameters
-    ----------
-    found : sequence of Verified
-        Outputs that count.
-    labels : sequence of str
-        Of the steps.
-    part, trials : str and sequence of int
-        What the trials are for, and their positions.
-    settings : DiscrepancySettings
-        Number of resamplings, and level of the intervals.
-    draw : callable
-        Returns the generator of a purpose and a part: to resample trials, and for the exact test of many.
+    `found` are the outputs that count, `labels` the names of the steps; the part says what the trials, given by their
+    positions, are for. `draw` returns the generator of a purpose and a part: to resample trials, and to flip signs.
     """
     rows: list[dict[str, Any]] = []
     weights = resample(len(trials), settings.bootstraps, draw("resample", part))
@@ -159,10 +137,7 @@ def bound_ratio(
     settings: DiscrepancySettings,
     generator: np.random.Generator,
 ) -> dict[str, float]:
-    """Return the gap of test trials over the noise floor in the channel where it is largest, after some additions.
-
-    Its limits ``low`` and ``high`` are one-sided, each of the configured level, over resampled trials.
-    """
+    """Return the gap of test trials over the floor in the worst channel, with one-sided limits over drawn trials."""
     ratios, level = [], settings.level
     weights = resample(len(trials), settings.bootstraps, generator)
     for channel in dict.fromkeys(each.output.channel for each in found):
@@ -207,19 +182,9 @@ def list_predictions(found: Sequence[Verified], dataset: Dataset, last: int) -> 
 
 
 def find_odd_trials(predictions: pd.DataFrame, least_ratio: float) -> pd.DataFrame:
-    """Return the trials whose error is many times the usual one, as after a loose cable.
+    """Return the trials of `list_predictions` whose error is many times the usual one, as after a loose cable.
 
-    Parameters
-    ----------
-    predictions : DataFrame
-        From `list_predictions`.
-    least_ratio : float
-        Error of a trial over the median of its channel's trials, above which it is odd.
-
-    Returns
-    -------
-    DataFrame
-        Columns ``channel muscle trial ratio``: error over the median over the channel's trials; the worst first.
+    Columns are ``channel muscle trial ratio``: error over the median over the channel's trials; the worst first.
     """
     square = (predictions["measured"] - predictions["after"]) ** 2
     by_trial = square.groupby([predictions[name] for name in ("channel", "muscle", "trial")]).mean() ** 0.5

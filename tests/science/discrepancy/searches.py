@@ -1,5 +1,7 @@
 """Searches as the workflow makes them, with the stated settings, in outputs of whole records."""
 
+import json
+
 import numpy as np
 import yaml
 
@@ -24,3 +26,11 @@ def read_values(state):
     """Return the fitted constants, and the parameters of each effect by its name."""
     constants, effects = state.current.fit.model.name_values(state.current.fit.values)
     return constants, {form.name: values for form, values in effects}
+
+
+def run_records(pamid, path, *overrides):
+    """Run the workflow on records; return what it prints in one line, and the verdict."""
+    given = ("workflow=discrepancy", "measurement=records", f"measured={path}", "columns.time_s=t", "figures=[]")
+    told = pamid(*given, *overrides)
+    assert told.returncode == 0, told.stderr
+    return " ".join(told.stdout.split()), json.loads((pamid.runs[-1] / "verdict.json").read_text())

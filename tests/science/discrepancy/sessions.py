@@ -18,12 +18,23 @@ def record_session(effects=(), trials=6, seconds=1.2, muscles=TWO, seed=11, magn
 
 
 def lose_stretches(samples):
-    """Stretches without force, pressure or contraction, other ones in each trial."""
-    spoilt = samples.copy()
+    """Unequal trials, and stretches without force, pressure or contraction, other ones in each."""
+    spoilt = samples[samples["time_s"] < 0.6 + 0.1 * samples["trial"]].copy()
     for signal, start in (("force_n", 0.3), ("pressure_kpa", 0.6), ("contraction", 0.8)):
         first = start + 0.02 * spoilt["trial"]
         spoilt.loc[spoilt["time_s"].between(first, first + 0.15), signal] = np.nan
     return spoilt
+
+
+def silence(samples):
+    """One muscle has neither force nor pressure."""
+    return samples.assign(**samples[["force_n", "pressure_kpa"]].where(samples["muscle"] != "pam2"))
+
+
+def shake(samples):
+    """The force of one trial is far off."""
+    noise = np.random.default_rng(5).normal(0.0, 300.0, len(samples))
+    return samples.assign(force_n=samples["force_n"].where(samples["trial"] != 1, 2.5 * samples["force_n"] + noise))
 
 
 def hold_pressure(samples):

@@ -2,14 +2,13 @@
 
 import numpy as np
 import pandas as pd
-from hydra import compose, initialize_config_dir
 from omegaconf import OmegaConf
 from scipy.integrate import solve_ivp
 
 from stages.science.output_channels.whole_record_channel import build_whole_records
-from stages.science.plant.machines.second_order import Oscillator
+from stages.science.plant.machine import read_machine
+from tests.composing import compose_values
 from tests.science.discrepancy.searches import DISCREPANCY
-from tests.science.plant.machines import CONF
 
 FINE = 20
 """Steps within a sample."""
@@ -122,16 +121,15 @@ def slide(way, width):
 def tabulate(signals, step_s=0.02, record="a", blocks=16):
     """Return signals and blocks as the workflow reads them."""
     time = np.arange(len(next(iter(signals.values())))) * step_s
-    rows = [pd.DataFrame({"record": record, "time_s": time, "signal": n, "value": v}) for n, v in signals.items()]
+    rows = pd.DataFrame({"record": record, "time_s": time, **signals}).melt(["record", "time_s"], var_name="signal")
     size = len(time) // blocks
     starts = np.arange(blocks) * size * step_s
-    return pd.concat(rows, ignore_index=True), pd.DataFrame({"record": record, "start_s": starts, "samples": size})
+    return rows, pd.DataFrame({"record": record, "start_s": starts, "samples": size})
 
 
 def configured(name):
     """The oscillator that `plant=...` describes."""
-    with initialize_config_dir(str(CONF), version_base="1.3"):
-        return Oscillator(**OmegaConf.to_container(compose(overrides=[f"+plant={name}"]))["plant"])
+    return read_machine(OmegaConf.to_container(compose_values("workflow=discrepancy", f"plant={name}").plant))
 
 
 def shake(generator, force, records=12, samples=1000):
@@ -154,10 +152,8 @@ def shake(generator, force, records=12, samples=1000):
     motion = solved.y[:records].T + NOISE_V * generator.standard_normal((samples, records))
     motion += WANDER_V * np.sin(2 * np.pi * 0.4 * instants[:, None] + generator.uniform(0, 6, records))
     driven = np.array([drive(now) for now in instants])
-    signals, blocks = [], []
-    first = round(0.5 * RATE_HZ)
-    for k in range(records):
-        told = {"drive_v": driven[:, k], "response_v": motion[:, k]}
-        signals.append(tabulate(told, 1.0 / RATE_HZ, f"record {k}")[0])
-        blocks.append({"record": f"record {k}", "start_s": first / RATE_HZ, "samples": samples - first})
-    return pd.concat(signals, ignore_index=True), pd.DataFrame(blocks)
+    names, first = [f"record {k}" for k in range(records)], round(0.5 * RATE_HZ)
+    told = [{"drive_v": driven[:, k], "response_v": motion[:, k]} for k in range(records)]
+    signals = [tabulate(each, 1.0 / RATE_HZ, name)[0] for each, name in zip(told, names, strict=True)]
+    blocks = pd.DataFrame({"record": names, "start_s": first / RATE_HZ, "samples": samples - first})
+    return pd.concat(signals, ignore_index=True), blocks

@@ -1,6 +1,6 @@
 """On which inputs a residual depends, and a formula for it: what was planted is found, noise is left alone."""
 
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from importlib.util import find_spec
 
 import numpy as np
@@ -19,23 +19,11 @@ from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.output_channel import Driver
 from tests.science.discrepancy.searches import DESCRIPTION, DISCREPANCY
-from tests.science.discrepancy.toys import Toy, make_toy
+from tests.science.discrepancy.toys import make_toy
 
 NOISE = 0.1
 TRIALS = 10
-
-
 WEIGHTS = resample(TRIALS, 400, np.random.default_rng(0))
-
-
-@dataclass(frozen=True)
-class Aside(Toy):
-    """A toy beside which something else was measured."""
-
-    beside: tuple = ()
-
-    def drivers(self):
-        return [*super().drivers(), *self.beside]
 
 
 def plant(seed, surface, noise=NOISE):
@@ -45,8 +33,7 @@ def plant(seed, surface, noise=NOISE):
     smooth = np.cumsum(generator.standard_normal((2, *output.x.shape)), axis=1) / 10.0
     beside = [Driver(n, values, own=False) for n, values in zip(("pressure_kpa", "tension_n"), smooth, strict=True)]
     truth = surface(output.x, smooth[0], output.drivers()[1].values)
-    aside = Aside(**vars(output), beside=tuple(beside))
-    return aside, truth + noise * generator.standard_normal(truth.shape), truth
+    return replace(output, beside=tuple(beside)), truth + noise * generator.standard_normal(truth.shape), truth
 
 
 def depend(output, residual, settings=DESCRIPTION):

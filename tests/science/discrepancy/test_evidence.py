@@ -56,24 +56,19 @@ def sum_hypotheses(power):
     return {name: each / total for name, each in weights.items()}
 
 
-def always(name, forms, carries):
-    return True
+LARGEST = (4.5 - 1.0) + (3.5 + 2.0)
+"""Evidence for the wave beside a map, in both outputs that offer it."""
 
 
-def test_probabilities_are_those_of_a_sum_over_all_hypotheses():
-    said = weigh_names(ALONE, BESIDE, CHANNELS, PRIORS, 1e3, always)
-    assert said.names == pytest.approx(sum_hypotheses(1.0), rel=1e-9)
-    assert said.forms["wave"][:2] == ["short", "long"]
-
-
-def test_evidence_beyond_the_most_that_counts_is_scaled_down():
-    largest = (4.5 - 1.0) + (3.5 + 2.0)  # of wave beside a map, in both outputs that offer it
-    said = weigh_names(ALONE, BESIDE, CHANNELS, PRIORS, 0.5 * largest, always)
-    assert said.names == pytest.approx(sum_hypotheses(0.5), rel=1e-9)
+@pytest.mark.parametrize(("most", "power"), [(1e3, 1.0), (0.5 * LARGEST, 0.5)], ids=["all counts", "scaled down"])
+def test_probabilities_are_those_of_a_sum_over_all_hypotheses(most, power):
+    said = weigh_names(ALONE, BESIDE, CHANNELS, PRIORS, most, lambda *_: True)
+    assert said.names == pytest.approx(sum_hypotheses(power), rel=1e-9)
+    assert power < 1.0 or said.forms["wave"][:2] == ["short", "long"]
 
 
 def test_what_is_not_worth_it_has_no_probability_and_the_rest_share_it():
-    said = weigh_names(ALONE, BESIDE, CHANNELS, PRIORS, 1e3, lambda name, forms, carries: name != "wave")
+    said = weigh_names(ALONE, BESIDE, CHANNELS, PRIORS, 1e3, lambda name, *_: name != "wave")
     every = sum_hypotheses(1.0)
     rest = 1.0 - every.pop("wave")
     assert said.names == pytest.approx({"wave": 0.0} | {name: each / rest for name, each in every.items()}, rel=1e-9)
@@ -81,7 +76,7 @@ def test_what_is_not_worth_it_has_no_probability_and_the_rest_share_it():
 
 def test_the_outputs_that_carry_a_name_are_told():
     scores = Beside(np.zeros(3), {("wave", "only"): {0: 8.0, 1: -6.0}})
-    said = weigh_names(scores, scores, CHANNELS, {"none": 0.5, "static_map": 1e-9, "wave": 0.5}, 1e3, always)
+    said = weigh_names(scores, scores, CHANNELS, {"none": 0.5, "static_map": 1e-9, "wave": 0.5}, 1e3, lambda *_: True)
     first, second, both = 0.25 * np.exp(8.0), 0.25 * np.exp(-6.0), 0.5 * np.exp(2.0)
     expected = np.array([first + both, second + both, 0.0]) / (first + second + both)
     np.testing.assert_allclose(said.carries["wave"], expected, rtol=1e-9)

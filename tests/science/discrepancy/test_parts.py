@@ -27,18 +27,14 @@ def choose(fitted=None, verification=None, last_share=None):
         ({"fitted": ["estimation"], "verification": ["validation"]}, "ffffffff vvv oo"),
         ({"fitted": ["estimation"], "last_share": 0.4}, "fffffvvv ooo oo"),
         ({"verification": ["arrow"]}, "ffffffff fff vv"),
+        ({}, "ffvffvfv ffv ff"),
+        ({"last_share": 0.01}, "ffffffff fff fv"),
     ],
-    ids=["a share of the fitted part", "a named part", "the last of the fitted part", "all but a named part"],
+    ids=["share of a part", "named part", "last of a part", "all but a named part", "share of all", "at least one"],
 )
 def test_trials_are_opened_within_the_fitted_part_or_in_a_named_one(names, purposes):
     found = "".join(purpose[0] for purpose in assign_parts(GIVEN, choose(**names), 0.375))
     assert found == purposes.replace(" ", "")
-
-
-def test_without_names_a_share_of_all_trials_is_opened_and_at_least_one():
-    purposes = assign_parts(GIVEN, choose(), 0.375)
-    assert (purposes.count("verification"), purposes.count("fitted")) == (4, 9)
-    assert assign_parts(GIVEN, choose(last_share=0.01), 0.375).count("verification") == 1
 
 
 @pytest.mark.parametrize(
@@ -70,13 +66,16 @@ def test_whole_records_are_opened_the_nearest_number_to_the_share(count, kept):
     assert count != 6 or {records[k] for k in found} == {"r2", "r5"}
 
 
-def test_two_records_are_too_few_and_blocks_of_both_are_opened():
-    assert opened(["given"] * 16, ["a"] * 8 + ["b"] * 8) == opened(["given"] * 16, [])
-
-
-@pytest.mark.parametrize("parts", [["noise"] * 8 + ["steps"] * 8 + ["sweep"] * 8, ["given"] * 24])
-def test_records_of_different_parts_are_no_repetitions_and_blocks_of_their_own_are_records(parts):
-    records = parts if parts[0] == "noise" else [f"r{k}" for k in range(24)]
+@pytest.mark.parametrize(
+    ("parts", "records"),
+    [
+        (["given"] * 16, ["a"] * 8 + ["b"] * 8),
+        (["noise"] * 8 + ["steps"] * 8 + ["sweep"] * 8, ["noise"] * 8 + ["steps"] * 8 + ["sweep"] * 8),
+        (["given"] * 24, [f"r{k}" for k in range(24)]),
+    ],
+    ids=["two are too few", "of different parts", "of one block each"],
+)
+def test_records_that_are_no_repetitions_are_opened_block_by_block(parts, records):
     assert opened(parts, records) == opened(parts, [])
 
 

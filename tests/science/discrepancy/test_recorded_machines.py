@@ -5,7 +5,6 @@ are not part of this project.
 """
 
 import functools
-import json
 from pathlib import Path
 
 import numpy as np
@@ -18,7 +17,7 @@ from stages.science.discrepancy.fitted_channel import prepare
 from stages.science.discrepancy.search import search
 from stages.science.plant.machine import read_machine
 from tests.composing import compose_values
-from tests.science.discrepancy.searches import DISCREPANCY, SETTINGS, look
+from tests.science.discrepancy.searches import DISCREPANCY, SETTINGS, look, run_records
 from tests.science.discrepancy.simulated_records import build_records, tabulate
 
 DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
@@ -45,11 +44,8 @@ pytestmark = pytest.mark.skipif(not DATA.exists(), reason=f"recorded data of oth
 
 
 def run(pamid, path, *more):
-    """Run the workflow; return names with probabilities, status, and RMSE/std before and after where not fitted."""
-    given = ("workflow=discrepancy", "measurement=records", f"measured={path}", "columns.time_s=t", "figures=[]")
-    result = pamid(*given, *MAPS[path], *more)
-    assert result.returncode == 0, result.stderr
-    verdict = json.loads((pamid.runs[0] / "verdict.json").read_text())
+    """Return names with probabilities, status, and RMSE over deviation before and after where not fitted."""
+    verdict = run_records(pamid, path, *MAPS[path], *more)[1]
     table = pd.read_parquet(pamid.runs[0] / "tables" / "verification.parquet")
     opened = table[(table["part"] == "verification") & (table["label"] != "noise floor")]["gap_over_std"]
     return {each["name"]: each["probability"] for each in verdict["effects"]}, verdict["status"], opened.tolist()
@@ -78,27 +74,21 @@ def test_without_hysteresis_no_other_name_is_sure(pamid):
     assert max(names.values(), default=0.0) < 0.8
 
 
-@pytest.fixture(scope="module")
-def fitted():
-    """Return ``fitted(path)``, a recording's machine, and its textbook as it is fitted once to what there is for it."""
-
-    @functools.cache
-    def fit(path):
-        told = compose_values("workflow=discrepancy", "measurement=records", *MAPS[path])
-        frame = pd.read_parquet(path)
-        frame = frame[frame["part"] == "est"] if "part" in frame else frame
-        signals = {name: frame[column].to_numpy(float) for name, column in told.columns.items() if column is not None}
-        step_s = float(np.median(np.diff(frame["t"])))
-        plant = read_machine(OmegaConf.to_container(told.plant))
-        return plant, prepare(build_records(*tabulate(signals, step_s=step_s), plant))
-
-    return fit
+@functools.cache
+def fit_textbook(path):
+    """Return a recording's machine, and its textbook as it is fitted to what there is for it."""
+    told = compose_values("workflow=discrepancy", "measurement=records", *MAPS[path])
+    frame = pd.read_parquet(path)
+    frame = frame[frame["part"] == "est"] if "part" in frame else frame
+    signals = {name: frame[column].to_numpy(float) for name, column in told.columns.items() if column is not None}
+    plant = read_machine(OmegaConf.to_container(told.plant))
+    return plant, prepare(build_records(*tabulate(signals, float(np.median(np.diff(frame["t"])))), plant))
 
 
 @pytest.mark.slow
 @pytest.mark.parametrize(("left_out", "said"), [(["overflow"], ["saturation"]), (["saturation", "overflow"], [])])
-def test_without_its_effects_a_gap_of_the_tanks_has_no_other_name(left_out, said, fitted, generator):
-    found = search([fitted(TANKS)[1]], SETTINGS.model_copy(update={"left_out": left_out}), generator)
+def test_without_its_effects_a_gap_of_the_tanks_has_no_other_name(left_out, said, generator):
+    found = search([fit_textbook(TANKS)[1]], SETTINGS.model_copy(update={"left_out": left_out}), generator)
     assert [each.name for each in found.named] == said
     assert said or decide(found, DISCREPANCY, generator).unknown > 0.5
     (state,) = found.outputs
@@ -108,8 +98,8 @@ def test_without_its_effects_a_gap_of_the_tanks_has_no_other_name(left_out, said
 
 @pytest.mark.slow
 @pytest.mark.parametrize("path", MAPS, ids=["tanks", "joint", "drive"])
-def test_nothing_is_named_in_what_the_fitted_textbook_simulates(path, fitted):
-    plant, state = fitted(path)
+def test_nothing_is_named_in_what_the_fitted_textbook_simulates(path):
+    plant, state = fit_textbook(path)
     output, nominal = state.output, state.nominal.fit
     refined = output.plant.refine({name: values[:, None] for name, values in output.records[0].items()}, output.step_s)
     constants = nominal.model.name_values(nominal.values)[0]

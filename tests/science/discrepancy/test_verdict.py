@@ -1,6 +1,5 @@
 """What the opened trials show is told beside what was named, and decides nothing."""
 
-import json
 from types import SimpleNamespace
 
 import numpy as np
@@ -9,7 +8,7 @@ import pytest
 
 from stages.science.discrepancy.verdict import reproduce_effects
 from stages.science.discrepancy.verification import bound_ratio
-from tests.science.discrepancy.searches import DISCREPANCY
+from tests.science.discrepancy.searches import DISCREPANCY, run_records
 from tests.science.discrepancy.simulated_records import move, slide
 
 STEP_S, SAMPLES = 0.02, 1600
@@ -31,10 +30,7 @@ def test_the_opened_trials_tell_whether_an_effect_is_reproduced(p_step, trials, 
 def judge_bench(pamid, path, frame, *overrides):
     """Return what the command prints of a record of an element, and its verdict."""
     frame.to_csv(path, index=False)
-    columns = ("columns.time_s=t", "+columns.position_m=x", "+columns.force_n=F", "plant=static_map", "figures=[]")
-    told = pamid("workflow=discrepancy", "measurement=records", f"measured={path}", *columns, *overrides)
-    assert told.returncode == 0, told.stderr
-    return " ".join(told.stdout.split()), json.loads((pamid.runs[-1] / "verdict.json").read_text())
+    return run_records(pamid, path, "+columns.position_m=x", "+columns.force_n=F", "plant=static_map", *overrides)
 
 
 @pytest.mark.slow

@@ -40,6 +40,7 @@ class Toy(OutputChannel):
     unit: str = "1"
     limits: DetectionSettings = DISCREPANCY.detection
     offered: tuple[EffectForm, ...] = (WAVE, KINK, LINE)
+    beside: tuple[Driver, ...] = ()
 
     @property
     def constants(self):
@@ -56,7 +57,8 @@ class Toy(OutputChannel):
         return y
 
     def drivers(self):
-        return [Driver("x", self.x), Driver("x_rate", np.gradient(self.x, self.step_s, axis=0), rate=True)]
+        rate = np.gradient(self.x, self.step_s, axis=0)
+        return [Driver("x", self.x), Driver("x_rate", rate, rate=True), *self.beside]
 
     def take(self, trials):
         chosen = list(trials)
