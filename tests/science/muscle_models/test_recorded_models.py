@@ -18,12 +18,9 @@ def recorded(generator):
     samples = tables["bank"].query("muscle == 'pam2'").iloc[::23]
     points = samples.assign(trial=np.arange(len(samples)) // 6)
     (_, inputs), (_, outputs) = (each for each in muscles.standardise(tables["bank"].iloc[points.index]))
-    known = {trial: (points["trial"] <= trial).to_numpy() for trial in (0, 1)}
-    fitted = {
-        trial: fit(inputs[rows], outputs[rows], muscles.priors[1], generator=generator, starts=1)
-        for trial, rows in known.items()
-    }
-    models = pd.concat([pd.DataFrame({"trial": trial, "value": each.theta}) for trial, each in fitted.items()])
+    sizes = [(points["trial"] <= trial).sum() for trial in (0, 1)]
+    fitted = [fit(inputs[:n], outputs[:n], muscles.priors[1], generator=generator, starts=1) for n in sizes]
+    models = pd.concat([pd.DataFrame({"trial": trial, "value": each.theta}) for trial, each in enumerate(fitted)])
     return tables, fitted, models, points
 
 
