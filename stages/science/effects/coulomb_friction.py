@@ -14,7 +14,7 @@ import numpy as np
 
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter, State
 from stages.science.plant.muscle import pull_at_rest
-from stages.science.plant.presliding import PRESLIDING, slide_after_yielding
+from stages.science.plant.operators import PRESLIDING, slide_after_yielding
 from stages.science.signals.trajectories import Array
 
 

@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stages.science.plant.effect import ChainEffect, Parameter, State
-from stages.science.plant.presliding import PRESLIDING, slide_after_yielding
+from stages.science.plant.operators import PRESLIDING, slide_after_yielding
 from stages.science.signals.trajectories import Array
 
 

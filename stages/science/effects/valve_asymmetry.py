@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
-from stages.science.plant.valve import respond
+from stages.science.plant.filters import respond
 from stages.science.signals.trajectories import Array
 
 

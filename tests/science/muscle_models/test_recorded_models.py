@@ -5,8 +5,7 @@ import pandas as pd
 import pytest
 
 from stages.science.gp.marginal import fit
-from stages.science.muscle_models.muscle_set import MuscleSet
-from stages.science.muscle_models.recorded_models import RecordedModels
+from stages.science.muscle_models.muscle_set import MuscleSet, RecordedModels
 from tests.science.muscle_models.data import MUSCLES, make_tables
 
 

@@ -8,10 +8,10 @@ from pydantic import ValidationError
 from scipy import stats
 
 from stages.science.gp.interaction import Interaction
-from stages.science.muscle_models.force_test import ForceTest
+from stages.science.muscle_models.error_rates import ForceTest
 from stages.science.muscle_models.loop_settings import LoopSettings
 from stages.science.muscle_models.muscle_set import MuscleSet
-from stages.science.muscle_models.replay import Replay, TimeShift
+from stages.science.muscle_models.replay import Replay, displace
 from tests.science.muscle_models.data import LOOP, MUSCLES, PERIOD_S, draw, make_bank, make_tables
 
 INITIAL = [4, 1]
@@ -101,8 +101,7 @@ def test_shifted_random_picks_are_distinct_samples_too(tables, replay):
 
 
 def test_shifts_are_uniform_and_rounded_to_samples(generator):
-    shift = TimeShift(0.1, 0.02)
-    rows = np.array([shift.displace(50, [], 101, generator) for _ in range(4000)])
+    rows = np.array([displace(50, [], 101, 0.1, 0.02, generator) for _ in range(4000)])
     shares = np.array([0.5, *[1.0] * 9, 0.5]) / 10
     found = np.bincount(rows - 45, minlength=11)
     assert stats.chisquare(found, 4000 * shares).pvalue > 1e-3
@@ -119,17 +118,14 @@ def test_shifts_are_uniform_and_rounded_to_samples(generator):
     ],
 )
 def test_shifts_reach_free_samples_of_the_trial_within_the_amplitude(amplitude_s, row, taken, samples, kept, generator):
-    shift = TimeShift(amplitude_s, 0.02)
-    assert {shift.displace(row, taken, samples, generator) for _ in range(300)} == kept
+    assert {displace(row, taken, samples, amplitude_s, 0.02, generator) for _ in range(300)} == kept
     with pytest.raises(ValueError, match=rf"free sample within {amplitude_s} s of sample {row}"):
-        shift.displace(row, [*taken, *kept], samples, generator)
+        displace(row, [*taken, *kept], samples, amplitude_s, 0.02, generator)
 
 
 def test_amplitudes_share_their_uniform_numbers():
     for seed in range(50):
-        short, long = (
-            TimeShift(each, 0.001).displace(500, [], 1001, np.random.default_rng(seed)) - 500 for each in (0.1, 0.3)
-        )
+        short, long = (displace(500, [], 1001, each, 0.001, np.random.default_rng(seed)) - 500 for each in (0.1, 0.3))
         assert abs(long - 3 * short) <= 2
 
 

@@ -5,7 +5,7 @@ import pytest
 
 from stages.science.plant.chain import Chain
 from stages.science.plant.effect import ChainEffect, find_effect, list_effects
-from stages.science.plant.valve import respond
+from stages.science.plant.filters import respond
 from tests.science.plant.columns import STEP_S
 from tests.science.plant.machines import configured, with_effects
 
@@ -49,7 +49,9 @@ def test_an_effect_changes_its_own_muscles_only(name, generator):
 def test_trials_side_by_side_are_trials_one_by_one(generator):
     chain = chain_with(*(entry(name, place=["pam1", "pam4"]) for name in CHAIN))
     command, (contraction, velocity) = generator.uniform(20, 300, (300, 5, 4)), move((300, 5, 4), 0.02)
-    together = chain.pull(chain.pressurise(command), contraction, velocity)[1]
+    path, flat = chain.repeat(5), (each.reshape(300, 20) for each in (command, contraction, velocity))
+    pressure = path.pressurise(next(flat))
+    together = path.pull(pressure, *flat)[1].reshape(300, 5, 4)
     for n in range(5):
         alone = chain.pull(chain.pressurise(command[:, n]), contraction[:, n], velocity[:, n])[1]
         assert np.array_equal(together[:, n], alone)

@@ -1,11 +1,11 @@
 import numpy as np
 import pytest
 
-from stages.science.plant import joint, muscle, operators, valve
+from stages.science.plant import filters, joint, muscle, operators
 from stages.science.plant.chain import Chain
 from stages.science.plant.interaction import interact
 from stages.science.plant.participant import Intention, embody, intend
-from stages.science.signals.pressures import pressure_profiles
+from stages.science.signals.trajectories import pressure_profiles
 from tests.science.plant.machines import configured, other_machine, with_effects
 
 
@@ -87,7 +87,7 @@ def test_other_machines_are_rows(muscles_of_joint):
 
 
 def test_changing_effects_compiles_nothing():
-    kernels = [muscle._pull_columns, valve._lag_columns, joint._integrate, operators.follow_stops]
+    kernels = [muscle._pull_columns, filters._lag_columns, joint._integrate, operators.follow_stops]
     rich = configured("rich").plant
     move(rich)
     before = [len(kernel.signatures) for kernel in kernels]

@@ -34,10 +34,6 @@ class Lever(RecordPlant):
     constants: LeverConstants
     effects: list[LeverEffect]
 
-    @property
-    def inputs(self):
-        return (self.pushed,)
-
     def guess(self, signals):
         return {"ratio": (1.0, 0.1, 10.0, 1.0)}
 
@@ -83,7 +79,7 @@ def test_what_is_not_told_is_named(monkeypatch):
     ("module", "said"),
     [
         ({}, "lever to end in PLANT = its class"),
-        ({"PLANT": RecordPlant}, "expected RecordPlant to tell inputs, simulate, SITE; docs/"),
+        ({"PLANT": RecordPlant}, "expected RecordPlant to tell simulate, SITE; docs/"),
     ],
 )
 def test_a_file_that_lacks_something_is_refused(monkeypatch, module, said):

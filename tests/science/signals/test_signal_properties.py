@@ -11,8 +11,7 @@ from hypothesis.extra.numpy import arrays
 
 from stages.science.signals.filtering import differentiate, window_length
 from stages.science.signals.measures import error_rate, rmse
-from stages.science.signals.pressures import pressure_profiles
-from stages.science.signals.trajectories import reach_postures
+from stages.science.signals.trajectories import pressure_profiles, reach_postures
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=100)
 RATES = st.sampled_from([0.5, 10.0, 100.0, 250.0, 1e4])

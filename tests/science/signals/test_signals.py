@@ -4,11 +4,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.science.signals.delay import find_delay
+from stages.science.signals.measures import find_delay
 from stages.science.signals.noise import band_noise
-from stages.science.signals.pressures import pressure_profiles
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
-from stages.science.signals.trajectories import connect_points, minimum_jerk, reach_postures
+from stages.science.signals.trajectories import connect_points, minimum_jerk, pressure_profiles, reach_postures
 
 TIMES = {"hold_s": (0.3, 1.0), "transition_s": (0.2, 0.6)}
 RATE_HZ = 100.0
