@@ -28,7 +28,7 @@ from stages.science.figures.chosen_trials import draw_chosen_trials
 from stages.science.gp.interaction import Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.muscle_models.description import describe_choice, describe_models
-from stages.science.muscle_models.force_test import ForceTest
+from stages.science.muscle_models.error_rates import ForceTest
 from stages.science.muscle_models.loop_settings import DesignSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import keep_usable, spread_evenly, take

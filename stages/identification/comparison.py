@@ -20,7 +20,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, average_muscles
-from stages.science.muscle_models.recorded_models import RecordedModels
+from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import Array
 from stages.science.statistics.paired import compare_pairs

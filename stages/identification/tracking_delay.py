@@ -19,7 +19,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.signals.delay import find_delay
+from stages.science.signals.measures import find_delay
 
 INITIAL = "initial"
 

@@ -32,7 +32,7 @@ from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average, summarise_error_rates
 from stages.science.muscle_models.linear_muscle import LinearMuscleModel
-from stages.science.muscle_models.recorded_models import RecordedModels
+from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
 from stages.science.statistics.groups import compare_groups

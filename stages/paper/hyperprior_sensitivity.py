@@ -23,8 +23,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.sensitivity import draw_sensitivity
 from stages.science.gp.hyperprior import Hyperprior
-from stages.science.muscle_models.error_rates import ALL_MUSCLES, average_muscles
-from stages.science.muscle_models.force_test import ForceTest
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, ForceTest, average_muscles
 from stages.science.muscle_models.loop_settings import LoopSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.replay import Replay

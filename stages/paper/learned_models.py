@@ -25,7 +25,7 @@ from pipeline.table import Table, column
 from stages.science.figures.learned_models import draw_force_surfaces, draw_frequent_references, draw_reliability
 from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES
-from stages.science.muscle_models.recorded_models import RecordedModels
+from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
 from stages.science.statistics.concentration import Choices, judge_concentration

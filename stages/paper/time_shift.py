@@ -20,8 +20,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_shift_curves
-from stages.science.muscle_models.error_rates import average_muscles, summarise_error_rates
-from stages.science.muscle_models.force_test import ForceTest
+from stages.science.muscle_models.error_rates import ForceTest, average_muscles, summarise_error_rates
 from stages.science.muscle_models.loop_settings import LoopSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.replay import Replay

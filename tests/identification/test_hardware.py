@@ -12,7 +12,6 @@ from stages.science.rig.contract import RECORDING_COLUMNS, tidy
 from stages.science.rig.manual import ManualRig, TrialRequested
 from stages.science.rig.passive_trials import passive_trial
 from stages.science.rig.sim import SimulatedRig
-from tests.science.plant.machines import configured
 from tests.science.rig.test_manual import execute_by_hand
 from tests.studies import read_stages, run_stage
 

@@ -26,7 +26,7 @@ from stages.paper.learned_models import (
 )
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.marginal import condition
-from stages.science.muscle_models.recorded_models import RecordedModels
+from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.signals.scaling import MODEL_INPUTS, Scaling
 from tests.planted import assert_holm
 from tests.science.muscle_models.data import draw, make_tables

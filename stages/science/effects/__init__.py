@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from stages.science.plant.effect import State
-from stages.science.plant.presliding import slide_after_yielding
+from stages.science.plant.operators import slide_after_yielding
 from stages.science.signals.trajectories import Array
 
 

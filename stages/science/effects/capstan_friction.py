@@ -13,7 +13,7 @@ import numpy as np
 
 from stages.science.effects import slide
 from stages.science.plant.effect import ChainEffect, Parameter, State
-from stages.science.plant.presliding import PRESLIDING
+from stages.science.plant.operators import PRESLIDING
 from stages.science.signals.trajectories import Array
 
 

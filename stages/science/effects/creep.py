@@ -15,9 +15,8 @@ from dataclasses import replace
 import numpy as np
 
 from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State
-from stages.science.plant.filters import lag
+from stages.science.plant.filters import lag, respond
 from stages.science.plant.muscle import pull_at_rest
-from stages.science.plant.valve import respond
 from stages.science.signals.trajectories import Array
 
 

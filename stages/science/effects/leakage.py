@@ -13,7 +13,7 @@ import numpy as np
 from numba import njit
 
 from stages.science.plant.effect import ChainEffect, Parameter, State
-from stages.science.plant.valve import respond
+from stages.science.plant.filters import respond
 from stages.science.signals.trajectories import Array
 
 USUAL_KPA = 100.0

@@ -15,7 +15,7 @@ import numpy as np
 
 from stages.science.effects import name_terms
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
-from stages.science.plant.reading import read
+from stages.science.plant.filters import read
 from stages.science.signals.trajectories import Array
 
 SCALE_KPA = 1000.0

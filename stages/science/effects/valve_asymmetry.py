@@ -10,7 +10,7 @@ from collections.abc import Mapping
 
 from stages.science.effects import name_terms
 from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
-from stages.science.plant.valve import respond
+from stages.science.plant.filters import respond
 from stages.science.signals.trajectories import Array
 
 

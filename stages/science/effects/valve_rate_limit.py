@@ -12,7 +12,7 @@ from numba import njit
 
 from stages.science.effects import name_terms
 from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
-from stages.science.plant.valve import respond
+from stages.science.plant.filters import respond
 from stages.science.signals.trajectories import Array
 
 KPA_PER_MPA = 1000.0

@@ -30,28 +30,6 @@ SMALLEST_SINGULAR_VALUE = 1e-8
 class LinearMuscleModel:
     """F = P (a1 C^2 + a2 C + a3) + (a4 C^2 + a5 C + a6), of one muscle.
 
-    Parameters
-    ----------
-    coefficients : (6,) ndarray
-        a1 to a6, in the units of `COEFFICIENT_UNITS`.
-    standard_errors : (6,) ndarray
-        Of the coefficients, for independent errors of one variance; NaN where data do not determine a coefficient or
-        leave no degree of freedom.
-    residual_sd_n : float
-        Standard deviation of the residuals, by n less the rank, N; NaN where none is left.
-    n, rank : int
-        Samples, and independent directions of coefficients that they determine, at most 6.
-    condition : float
-        Largest over smallest singular value, of the determined directions, in standardised inputs.
-    repair : str
-        What was done where data do not determine all coefficients; empty otherwise.
-    centre, scale : (2,) ndarray
-        Of pressure (kPa) and contraction: centre and half range, which standardise them.
-    weights : (6,) ndarray
-        The same polynomial in standardised inputs, N.
-
-    Notes
-    -----
     Chou and Hannaford, Measurement and modeling of McKibben pneumatic artificial muscles, IEEE Trans. Robot. Autom. 12
     (1996), whose law without end effects is of this form; Teramae, Noda, Hyon and Morimoto, Modeling and control of a
     pneumatic-electric hybrid system, IROS (2013), who fit it. The law may be negative where a muscle is slack, and it
@@ -59,15 +37,23 @@ class LinearMuscleModel:
     """
 
     coefficients: Array
+    """a1 to a6, (6,), in the units of `COEFFICIENT_UNITS`."""
     standard_errors: Array
+    """For independent errors of one variance; NaN where data do not determine one or leave no degree of freedom."""
     residual_sd_n: float
+    """By n less the rank; NaN where none is left."""
     n: int
     rank: int
+    """Independent directions of coefficients that the n samples determine, at most 6."""
     condition: float
+    """Largest over smallest singular value, of the determined directions, in standardised inputs."""
     repair: str
+    """What was done where data do not determine all coefficients; empty otherwise."""
     centre: Array
     scale: Array
+    """Half ranges of pressure (kPa) and contraction, (2,), which with their centres standardise them."""
     weights: Array
+    """The same polynomial in standardised inputs, (6,), N."""
 
     @classmethod
     def fit(cls, pressure_kpa: ArrayLike, contraction: ArrayLike, force_n: ArrayLike) -> LinearMuscleModel:
@@ -76,17 +62,13 @@ class LinearMuscleModel:
         Samples of a slack muscle do not follow the law and are better left out. Where data do not determine all
         coefficients (fewer than six samples, two contractions only, one pressure), the model is the polynomial of least
         norm in standardised inputs, as its `repair` says: it explains the data as well as any other, and its forces
-        elsewhere are a convention; an input that never changed changes no force.
+        elsewhere are a convention; an input that never changed changes no force. Columns of the design are those of
+        inputs in [-1, 1], of like size and nearly independent; coefficients follow by an exact change of basis.
 
         Raises
         ------
         ValueError
             When arrays are not vectors of one length, are empty, or a value is not finite or absurdly large.
-
-        Notes
-        -----
-        Singular values of the design in inputs centred and scaled to [-1, 1], whose columns are of like size and nearly
-        independent; coefficients follow by an exact change of basis.
         """
         pressure, contracted, force = (np.asarray(each, dtype=float) for each in (pressure_kpa, contraction, force_n))
         if not pressure.shape == contracted.shape == force.shape or force.ndim != 1 or not force.size:

@@ -70,14 +70,7 @@ class LoopSettings(DesignSettings):
     initial_trials: PositiveInt
 
     def check_against(self, section: str, movements: int, samples: int) -> Self:
-        """Return the settings if a bank can serve them.
-
-        Parameters
-        ----------
-        section : str
-            That holds them, for the message.
-        movements, samples : int
-            Of the bank, and of each of its movements.
+        """Return the settings of a section if a bank of so many movements, of so many samples each, can serve them.
 
         Raises
         ------

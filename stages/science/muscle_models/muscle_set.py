@@ -1,16 +1,17 @@
-"""What is known of every muscle before anything is measured: candidates, hyperprior, scaling.
+"""What is known of every muscle before anything is measured, and its models as a loop recorded them.
 
-Rows of the tables flow in; arrays by muscle, in the order of the hyperprior, flow out.
+Rows of the tables flow in; arrays by muscle, in the order of the hyperprior, and Gaussian processes flow out.
 """
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import pandas as pd
 
 from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.marginal import MarginalGP, condition
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array, Scaling
 
 CONSTANT_MEAN = "constant_mean"
@@ -39,7 +40,7 @@ class MuscleSet:
         scalings, priors, inputs = [], [], []
         for name in names:
             rows = hyperprior[hyperprior["muscle"] == name]
-            priors.append(Hyperprior(rows["mean"].to_numpy(), rows["variance"].to_numpy()))
+            priors.append(_read_prior(rows))
             scalings.append(Scaling.of_muscle(scaling, name))
             samples = scalings[-1].inputs_of(candidates[candidates["muscle"] == name])
             inputs.append(samples.reshape(len(trajectories), -1, len(MODEL_INPUTS)))
@@ -49,7 +50,7 @@ class MuscleSet:
     @property
     def mean(self) -> str:
         """``constant`` if Table 1 has a row for the models' constant mean, else ``zero``."""
-        return "constant" if CONSTANT_MEAN in self.hyperparameters else "zero"
+        return _name_mean(self.hyperparameters)
 
     def indices(self, trajectories: Sequence[int]) -> list[int]:
         """Return the positions of movements in the bank."""
@@ -64,3 +65,44 @@ class MuscleSet:
             inputs.append(constants.inputs_of(rows))
             outputs.append(constants.output_of(rows))
         return inputs, outputs
+
+
+@dataclass(frozen=True)
+class RecordedModels:
+    """What the models of one muscle share, whatever they learned from: Table 1, ``zero`` or ``constant``, a scaling."""
+
+    prior: Hyperprior
+    mean: str
+    scaling: Scaling
+
+    @classmethod
+    def read(cls, hyperprior: pd.DataFrame, scaling: pd.DataFrame, muscle: str) -> RecordedModels:
+        """Read a muscle's rows of the tables `hyperprior` and `scaling`."""
+        rows = hyperprior[hyperprior["muscle"] == muscle]
+        return cls(_read_prior(rows), _name_mean(rows["hyperparameter"]), Scaling.of_muscle(scaling, muscle))
+
+    def rebuild(self, model: pd.DataFrame, points: pd.DataFrame) -> MarginalGP:
+        """Return a model as it stood after a trial, from this muscle's rows of one experiment and arm.
+
+        `model` are those of the table `models` after one trial, `points` those of the table `points` of this trial and
+        earlier ones at least; those of later trials are left out.
+
+        Raises
+        ------
+        ValueError
+            When the rows of `model` are those of several trials, or of none.
+        """
+        trials = [int(each) for each in model["trial"].unique()]
+        if len(trials) != 1:
+            raise ValueError(f"model: expected the rows of one trial, got those of trials {trials}")
+        known = points[points["trial"] <= trials[0]]
+        inputs, force = self.scaling.inputs_of(known), self.scaling.output_of(known)
+        return condition(inputs, force, model["value"].to_numpy(), self.prior, mean=self.mean)
+
+
+def _read_prior(rows: pd.DataFrame) -> Hyperprior:
+    return Hyperprior(rows["mean"].to_numpy(), rows["variance"].to_numpy())
+
+
+def _name_mean(hyperparameters: Iterable[str]) -> str:
+    return "constant" if CONSTANT_MEAN in set(hyperparameters) else "zero"

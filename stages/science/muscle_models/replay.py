@@ -1,8 +1,8 @@
 """Algorithm 1 over recorded trials: the bank's own recording of a movement stands for its execution, and no rig is run.
 
 The muscles, a `Design` and the bank's recordings flow in; out flows what is known after each trial, an `Interaction`
-with every muscle's data and hyperparameters. A `TimeShift` takes other samples than the most informative ones, as if
-the person had been early or late (paper, section 5.3).
+with every muscle's data and hyperparameters. A time shift takes other samples than the most informative ones, as if the
+person had been early or late (paper, section 5.3).
 """
 
 from __future__ import annotations
@@ -26,45 +26,28 @@ ROUNDING = 1e-9
 """Share of a sample by which the quotient of two decimal durations may miss a whole number."""
 
 
-@dataclass(frozen=True)
-class TimeShift:
-    """Takes the sample at t + d in place of that at t, with d uniform between plus and minus an amplitude.
+def displace(
+    row: int, taken: Sequence[int], samples: int, amplitude_s: float, period_s: float, generator: np.random.Generator
+) -> int:
+    """Return the row of the sample at t + d to take in place of another, at t, with d uniform within an amplitude.
 
-    d is rounded to a sample, `period_s` apart. It is drawn again when the sample lies outside the trial, farther from t
-    than the amplitude, or was taken from this trial before.
+    d is rounded to a sample, `period_s` apart. It is drawn again when the sample lies outside the trial of so many,
+    farther from t than the amplitude, or was taken from this trial before; each d takes one uniform number, whatever
+    the amplitude.
+
+    Raises
+    ------
+    ValueError
+        When every sample within reach was taken.
     """
-
-    amplitude_s: float
-    period_s: float
-
-    def displace(self, row: int, taken: Sequence[int], samples: int, generator: np.random.Generator) -> int:
-        """Return the row to take in place of another.
-
-        Parameters
-        ----------
-        row : int
-            The most informative sample.
-        taken : sequence of int
-            Rows that were taken from this trial before.
-        samples : int
-            Of the trial.
-        generator : Generator
-            Draws d; each d takes one uniform number, whatever the amplitude.
-
-        Raises
-        ------
-        ValueError
-            When every sample within reach was taken.
-        """
-        reach = int(np.floor(self.amplitude_s / self.period_s + ROUNDING))
-        first, last = max(0, row - reach), min(samples - 1, row + reach)
-        free = set(range(first, last + 1)).difference(taken)
-        if not free:
-            raise ValueError(f"expected a free sample within {self.amplitude_s} s of sample {row}, all are taken")
-        while True:
-            moved = row + int(np.rint(self.amplitude_s * generator.uniform(-1.0, 1.0) / self.period_s))
-            if moved in free:
-                return moved
+    reach = int(np.floor(amplitude_s / period_s + ROUNDING))
+    free = set(range(max(0, row - reach), min(samples - 1, row + reach) + 1)).difference(taken)
+    if not free:
+        raise ValueError(f"expected a free sample within {amplitude_s} s of sample {row}, all are taken")
+    while True:
+        moved = row + int(np.rint(amplitude_s * generator.uniform(-1.0, 1.0) / period_s))
+        if moved in free:
+            return moved
 
 
 @dataclass(frozen=True)
@@ -115,17 +98,13 @@ class Replay:
 
         Parameters
         ----------
-        design : Design
-            How to choose.
-        priors : sequence over M muscles of Hyperprior
-            Table 1, or another.
+        design, priors
+            How to choose; Table 1 of each muscle, or another.
         initial : sequence of int
             Positions in the bank of the trials that the initial data come from; none of them is chosen again unless the
             design allows it.
-        points : int
-            Initial data of each muscle, evenly spread over those trials.
-        trials : int
-            How many are chosen.
+        points, trials : int
+            Initial data of each muscle, evenly spread over those trials; how many are chosen then.
         generator : callable
             Called with ``starts``, the trial and the muscle; ``random`` and the trial; ``shift``, the trial, the
             muscle and the number of the pick. What is equal for these is random alike, whatever the amplitude.
@@ -141,9 +120,9 @@ class Replay:
         def starts(trial: int) -> list[np.random.Generator]:
             return [generator("starts", trial, name) for name in self.muscles.names]
 
-        def displace(trial: int, name: str) -> Callable[[int, Sequence[int]], int]:
-            samples = self.outputs[0].shape[1]
-            return lambda row, taken: shift.displace(row, taken, samples, generator("shift", trial, name, len(taken)))
+        def shift(trial: int, name: str) -> Callable[[int, Sequence[int]], int]:
+            size = self.outputs[0].shape[1], amplitude_s, self.period_s
+            return lambda row, taken: displace(row, taken, *size, generator("shift", trial, name, len(taken)))
 
         inputs, outputs = [], []
         for x, y in zip(self.inputs, self.outputs, strict=True):
@@ -153,10 +132,9 @@ class Replay:
             outputs.append(np.concatenate([y[each] for each in initial])[at])
         known = Interaction.begin(design, self.muscles.candidates, priors, inputs, outputs, initial, starts(0))
         yield known
-        shift = TimeShift(amplitude_s, self.period_s)
         for trial in range(1, trials + 1):
             chosen = known.ask(generator("random", trial)).trajectory
             recorded = [each[chosen] for each in self.inputs], [each[chosen] for each in self.outputs]
-            ways = [displace(trial, name) for name in self.muscles.names] if amplitude_s else None
+            ways = [shift(trial, name) for name in self.muscles.names] if amplitude_s else None
             known, _ = known.tell(chosen, *recorded, starts(trial), ways)
             yield known

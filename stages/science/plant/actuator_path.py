@@ -1,7 +1,7 @@
 """The actuator path: from command to pressure, and from pressure to force, of columns of muscles, trials, or both.
 
-Arrays (T, K) flow in and out. A rig's chain passes all its muscles through here at once; a fit passes one muscle, its
-trials side by side. Effects act at their signals in the order in which they are listed.
+Arrays (T, K) flow in and out. A rig's chain is a path of all its muscles; a fit's is one of a single muscle, its trials
+side by side. Effects act at their signals in the order in which they are listed.
 """
 
 from __future__ import annotations
@@ -14,8 +14,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.science.plant.effect import ChainEffect, Signal, State
+from stages.science.plant.filters import respond
 from stages.science.plant.muscle import MuscleConstants, compute_tension
-from stages.science.plant.valve import respond
 from stages.science.signals.trajectories import Array
 
 INVERSIONS = 3
@@ -42,8 +42,6 @@ class Acting:
     def invert(self, values: Array, state: State) -> Array:
         """Return the signal that is mapped to these values.
 
-        Notes
-        -----
         Where an effect has no inverse of its own, a few fixed-point passes, exact for offset and drift, and within the
         cube of a small gain error. Counts and a clipped range, which hide what was there, are left as shown.
         """
@@ -59,52 +57,62 @@ class Acting:
 class ActuatorPath:
     """K columns of muscle under effects, in order; times in s, `start_s` (K,) of each column's trial in the session."""
 
-    muscles: MuscleConstants
+    constants: MuscleConstants
     effects: Sequence[Acting]
     step_s: float
     start_s: Array
 
+    def repeat(self, copies: int) -> ActuatorPath:
+        """Return the path of so many copies of all columns, one copy after another."""
+        constants = MuscleConstants(*np.tile(self.constants, (1, copies)))
+        return ActuatorPath(constants, self.effects, self.step_s, np.tile(self.start_s, copies))
+
     def pressurise(self, command_kpa: Array) -> Array:
-        """Return the pressure at the valves, kPa, that a held command (T, K), kPa, brings."""
-        tau = self.muscles.valve_tau_s
-        command = self._apply("pressure_command_kpa", command_kpa, lambda: self._upstream(command_kpa, command_kpa))
+        """Return the pressure at the valves, kPa gauge, that a held command (T, K), kPa gauge, brings."""
+        given, tau = _contiguous(command_kpa), self.constants.valve_tau_s
+        command = self._apply("pressure_command_kpa", given, lambda: self._upstream(given, given))
         lagged = respond(command, tau, tau, self.step_s)
-        pressure = self.muscles.regulator_gain * lagged + self.muscles.regulator_offset_kpa
+        pressure = self.constants.regulator_gain * lagged + self.constants.regulator_offset_kpa
         return self._apply("pressure_kpa", pressure, lambda: self._upstream(command, pressure))
 
     def pull(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> tuple[Array, Array]:
-        """Return the tension at the muscle's tip and at the joint's end, N; all arrays (T, K)."""
+        """Return the tension at the muscle's tip and at the joint's end, N.
+
+        Of the pressure at the valves, kPa gauge, the contraction by the joint's geometry, 1, and its rate, 1/s; all
+        arrays (T, K).
+        """
+        pressure_kpa, contraction, velocity_per_s = map(_contiguous, (pressure_kpa, contraction, velocity_per_s))
         state = self._state(pressure_kpa, pressure_kpa, contraction, velocity_per_s)
         acting = self._apply("acting_pressure_kpa", pressure_kpa, lambda: state)
         state = self._state(pressure_kpa, acting, contraction, velocity_per_s)
         shortened = self._apply("contraction", contraction, lambda: state)
         state = self._state(pressure_kpa, acting, shortened, velocity_per_s)
-        static = compute_tension(acting, shortened, velocity_per_s, self.muscles)
+        static = compute_tension(acting, shortened, velocity_per_s, self.constants)
         force = self._bend("force_n", static, state)
         return force, self._bend("tension_n", force, state)
 
     def pull_nominally(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
-        """Return the tension, N, that the static law alone gives."""
-        return compute_tension(pressure_kpa, contraction, velocity_per_s, self.muscles)
+        """Return the tension, N, that the static law alone gives; see `pull`."""
+        return compute_tension(pressure_kpa, contraction, velocity_per_s, self.constants)
 
     def sense_pressure(self, pressure_kpa: Array) -> Array:
-        """Return what the pressure sensor shows, kPa."""
-        return self._apply("sensed_pressure_kpa", pressure_kpa, lambda: self._upstream(pressure_kpa, pressure_kpa))
+        """Return what the pressure sensor shows, kPa gauge."""
+        pressure = _contiguous(pressure_kpa)
+        return self._apply("sensed_pressure_kpa", pressure, lambda: self._upstream(pressure, pressure))
 
     def unsense_pressure(self, shown_kpa: Array) -> Array:
-        """Return the pressure, kPa, that the sensor shows so."""
-        pressure = shown_kpa
+        """Return the pressure, kPa gauge, that the sensor shows so."""
+        pressure = _contiguous(shown_kpa)
         for effect in reversed(self.effects):
             if effect.effect.signal == "sensed_pressure_kpa":
                 pressure = effect.invert(pressure, self._upstream(pressure, pressure))
         return pressure
 
     def sense_force(self, force_n: Array, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
-        """Return what the load cell shows, N, of the force on it."""
-        shown = force_n + self.muscles.force_offset_n
-        return self._apply(
-            "sensed_force_n", shown, lambda: self._state(pressure_kpa, pressure_kpa, contraction, velocity_per_s)
-        )
+        """Return what the load cell shows, N, of the force on it; see `pull`."""
+        pressure, contraction, velocity = map(_contiguous, (pressure_kpa, contraction, velocity_per_s))
+        shown = _contiguous(force_n) + self.constants.force_offset_n
+        return self._apply("sensed_force_n", shown, lambda: self._state(pressure, pressure, contraction, velocity))
 
     def _apply(self, signal: Signal, values: Array, state: Callable[[], State]) -> Array:
         for effect in self.effects:
@@ -122,7 +130,7 @@ class ActuatorPath:
 
     def _state(self, command: Array, pressure: Array, contraction: Array, velocity: Array) -> State:
         time_s = np.arange(len(command), dtype=float) * self.step_s
-        return State(self.step_s, self.muscles, command, pressure, contraction, velocity, time_s, self.start_s)
+        return State(self.step_s, self.constants, command, pressure, contraction, velocity, time_s, self.start_s)
 
 
 Chosen = Sequence[tuple[ChainEffect, Mapping[str, float]]]
@@ -131,23 +139,12 @@ Chosen = Sequence[tuple[ChainEffect, Mapping[str, float]]]
 def predict_pressure(
     command_kpa: Array, constants: MuscleConstants, effects: Chosen, step_s: float, start_s: Array
 ) -> Array:
-    """Return the pressure (T, K), kPa gauge, that the sensor shows under a held command.
+    """Return the pressure (T, K), kPa gauge, that the sensor shows under a held command (T, K), kPa gauge.
 
-    Parameters
-    ----------
-    command_kpa : (T, K) ndarray
-        Commanded pressure, kPa gauge.
-    constants : MuscleConstants
-        Of the K columns.
-    effects : sequence of (ChainEffect, parameters)
-        In order; those that act elsewhere change nothing.
-    step_s : float
-        Time between samples, s.
-    start_s : (K,) ndarray
-        When each column's trial began in the session, s.
+    Effects that act elsewhere change nothing; `start_s` (K,) is when each column's trial began in the session, s.
     """
     path = ActuatorPath(constants, [Acting(*each) for each in effects], step_s, start_s)
-    return path.sense_pressure(path.pressurise(_contiguous(command_kpa)))
+    return path.sense_pressure(path.pressurise(command_kpa))
 
 
 def predict_force(
@@ -162,22 +159,13 @@ def predict_force(
 ) -> Array:
     """Return the force (T, K), N, that the load cell shows, its offset included, at measured pressures and motions.
 
-    Parameters
-    ----------
-    pressure_kpa : (T, K) ndarray
-        Pressure as its sensor shows it, kPa gauge; a sensor's effects among `effects` are taken back.
-    contraction, velocity_per_s : (T, K) ndarray
-        Contraction by the joint's geometry, 1, and its rate, 1/s.
-    constants, effects, step_s, start_s
-        As in `predict_pressure`.
-    load_cell_site : str
-        ``muscle_tip`` or ``joint_end``.
+    Pressures are as their sensor shows them, kPa gauge, whose effects are taken back; contractions are by the joint's
+    geometry, 1, with their rates, 1/s, (T, K) each; the rest is that of `predict_pressure`.
     """
     path = ActuatorPath(constants, [Acting(*each) for each in effects], step_s, start_s)
-    contraction, velocity = _contiguous(contraction), _contiguous(velocity_per_s)
-    pressure = path.unsense_pressure(_contiguous(pressure_kpa))
-    force = path.pull(pressure, contraction, velocity)[load_cell_site == "joint_end"]
-    return path.sense_force(force, pressure, contraction, velocity)
+    pressure = path.unsense_pressure(pressure_kpa)
+    force = path.pull(pressure, contraction, velocity_per_s)[load_cell_site == "joint_end"]
+    return path.sense_force(force, pressure, contraction, velocity_per_s)
 
 
 def _contiguous(values: Array) -> Array:

@@ -34,10 +34,9 @@ class Joint(Declared):
 
     @model_validator(mode="after")
     def _order_limits(self) -> Self:
-        if self.lower_rad >= self.upper_rad:
-            raise ValueError(
-                f"joint {self.name}: expected lower_rad < upper_rad, got {self.lower_rad} and {self.upper_rad}"
-            )
+        low, high = self.lower_rad, self.upper_rad
+        if low >= high:
+            raise ValueError(f"joint {self.name}: expected lower_rad < upper_rad, got {low} and {high}")
         return self
 
 

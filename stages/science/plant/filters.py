@@ -1,4 +1,4 @@
-"""Linear filters of sampled signals (T, K), each column on its own: a lag that starts settled, and a shift in time."""
+"""Filters of sampled signals, each column on its own: lags, a shift in time, and a reading that ends."""
 
 from __future__ import annotations
 
@@ -42,3 +42,38 @@ def shift(signal: Array, samples: float) -> Array:
     share = (position - before)[:, None]
     after = np.minimum(before + 1, last)
     return (1.0 - share) * signal[before] + share * signal[after]
+
+
+@njit(cache=True, error_model="numpy")
+def _lag_columns(signal: Array, rise_decay: Array, fall_decay: Array) -> Array:
+    lagged = np.empty_like(signal)
+    lagged[0] = signal[0]
+    for k in range(signal.shape[0] - 1):
+        for m in range(signal.shape[1]):
+            gap = lagged[k, m] - signal[k, m]
+            decay = rise_decay[m] if gap < 0.0 else fall_decay[m]
+            lagged[k + 1, m] = signal[k, m] + decay * gap
+    return lagged
+
+
+def respond(command_kpa: Array, rise_tau_s: Array, fall_tau_s: Array, step_s: float) -> Array:
+    """Return the pressure (T, K), kPa gauge, under a command that is held from each sample to the next.
+
+    The muscles start filled to the first command. Time constants of filling and venting are (K,), s; zero follows the
+    command one sample later.
+    """
+    rise, fall = (np.exp(-step_s / np.maximum(tau, 1e-9)) for tau in (rise_tau_s, fall_tau_s))
+    return _lag_columns(np.ascontiguousarray(command_kpa, dtype=float), rise, fall)
+
+
+def read(signal: Array, unread: Array | float, lowest: Array | float, highest: Array | float) -> Array:
+    """Return what a sensor that ends shows of a signal (T, ...): less a share of what lies beyond its ends.
+
+    The share that is not read is 1 for a sensor that stops there, and 0 for one that shows the signal bit for bit; ends
+    are in the signal's unit, infinite where there is none.
+    """
+    if not np.any(unread):
+        return signal
+    shown = np.clip(signal, lowest, highest)
+    left = (1.0 - np.asarray(unread)) * (signal - shown)
+    return np.where(np.equal(unread, 0.0), signal, shown + left)

@@ -11,6 +11,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from stages.science.plant.chain import Chain
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -45,53 +46,41 @@ def interact(
 ) -> Motion:
     """Simulate one trial; tensions follow from the motion returned, by the whole chain.
 
-    Parameters
-    ----------
-    exoskeleton, plant
-        The machine's rows; constants and effects.
-    command_kpa : (T, M) ndarray
-        Commanded pressure, kPa gauge, as applied.
-    intention, person
-        What the person does; constants of the person, or of nobody, at each joint.
-    start_rad : (J,) ndarray
-        Angles at the first sample, at rest.
+    Commanded pressures are (T, M), kPa gauge, as applied; the joints rest at `start_rad`, (J,), at the first sample,
+    each moved by what a person, or nobody, intends there.
     """
     chain = Chain(exoskeleton, plant)
     joints, of_muscle = collect_joints(exoskeleton, plant), exoskeleton.joint_of_muscle
-    step_s = 1.0 / exoskeleton.sampling_rate_hz
-    substeps = max(int(np.ceil(step_s / plant.integration_step_s - 1e-9)), 1)
+    substeps = plant.count_substeps(chain.step_s)
     pressure = chain.pressurise(command_kpa)
     deviation = drag = np.zeros_like(pressure)
     for _ in range(1 + plant.relaxation_passes * chain.bends_force):
         inputs = (pressure, deviation, drag, intention, start_rad)
-        angle, velocity = integrate_joints(*inputs, joints, chain.constants, of_muscle, person, step_s, substeps)
-        contraction = chain.constants.contraction_at_angle_0 + chain.constants.contraction_per_rad * angle[:, of_muscle]
-        rate = chain.constants.contraction_per_rad * velocity[:, of_muscle]
-        force, tension, deviation, drag = pull_and_split(chain, pressure, contraction, rate)
-    return Motion(pressure, contraction, rate, force, tension, angle, velocity)
+        angle, velocity = integrate_joints(*inputs, joints, chain.constants, of_muscle, person, chain.step_s, substeps)
+        motion, deviation, drag = follow(chain, of_muscle, pressure, angle, velocity)
+    return motion
 
 
-def pull_and_split(
-    chain: Chain, pressure_kpa: Array, contraction: Array, velocity_per_s: Array, since: int = 0
-) -> tuple[Array, Array, Array, Array]:
-    """Return the tension, and what effects do to it as a drag and the rest, from a sample of a trial (T, M) on.
+def follow(
+    chain: Chain, of_muscle: ArrayLike, pressure_kpa: Array, angle_rad: Array, velocity_rad_per_s: Array, since: int = 0
+) -> tuple[Motion, Array, Array]:
+    """Return a trial's motion at pressures (T, M) and joint angles (T, J), and what effects do to its tension.
 
-    Returns
-    -------
-    tuple of (T - since, M) ndarray
-        Tension at the muscle's tip and at the joint's end, N; rest, N, and drag, N s: what effects add to the tension
-        at the joint is the rest less drag times contraction velocity.
+    Tensions, and what effects add to the tension at the joint, are those from a sample on, (T - since, M): the rest, N,
+    less the drag, N s, times contraction velocity.
 
-    Notes
-    -----
     The drag is the chord of the deviation over velocity. Friction fed back as a given force swings from pass to pass,
     because at rest it outweighs every other damping; fed back as drag it does not (the iteration of Kachanov for
     monotone materials).
     """
-    moving = np.copysign(np.maximum(np.abs(velocity_per_s), SLOWEST_PER_S), velocity_per_s)
-    rates = np.stack([velocity_per_s, moving, np.zeros_like(moving)], axis=1)
-    pressures, contractions = (np.repeat(each[:, None], 3, axis=1) for each in (pressure_kpa, contraction))
-    force, tension = (each[since:] for each in chain.pull(pressures, contractions, rates))
-    added = tension - chain.pull_nominally(*(each[since:] for each in (pressures, contractions, rates)))
-    drag = np.maximum((added[:, 2] - added[:, 1]) / moving[since:], 0.0)
-    return force[:, 0], tension[:, 0], added[:, 0] + drag * velocity_per_s[since:], drag
+    constants, of_muscle = chain.constants, np.asarray(of_muscle)
+    contraction = constants.contraction_at_angle_0 + constants.contraction_per_rad * angle_rad[:, of_muscle]
+    rate = constants.contraction_per_rad * velocity_rad_per_s[:, of_muscle]
+    moving = np.copysign(np.maximum(np.abs(rate), SLOWEST_PER_S), rate)
+    rates = np.concatenate([rate, moving, np.zeros_like(moving)], axis=1)
+    motions, path = (np.tile(pressure_kpa, 3), np.tile(contraction, 3), rates), chain.repeat(3)
+    force, tension = (each[since:] for each in path.pull(*motions))
+    added, moved, still = np.split(tension - path.pull_nominally(*(each[since:] for each in motions)), 3, axis=1)
+    drag, own = np.maximum((still - moved) / moving[since:], 0.0), slice(len(of_muscle))
+    motion = Motion(pressure_kpa, contraction, rate, force[:, own], tension[:, own], angle_rad, velocity_rad_per_s)
+    return motion, added + drag * rate[since:], drag

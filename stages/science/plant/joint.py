@@ -193,24 +193,9 @@ def integrate_joints(
 ) -> tuple[Array, Array]:
     """Return angle, rad, and velocity, rad/s, of the joints from rest, (T, J) each.
 
-    Parameters
-    ----------
-    pressure_kpa : (T, M) ndarray
-        Pressure at the sampling instants, kPa gauge; linear between them, as are all inputs.
-    deviation_n, drag_n_s : (T, M) ndarray
-        Tension at the joint beyond the static law, N, less a drag, N s, times contraction velocity.
-    intention : Intention
-        What the person does.
-    start_rad : (J,) ndarray
-        Angles at the first sample.
-    joints, muscles, joint_of_muscle
-        Constants of the J joints, from `collect_joints`, and of the M muscles, and the index of each muscle's joint.
-    person : sequence of Person
-        Constants of the person at each joint; with one who compensates loads, the start is in balance.
-    step_s : float
-        Time between samples, s.
-    substeps : int
-        Integration steps per sample.
+    Of pressures, kPa gauge, and tensions at the joint beyond the static law, N, less a drag, N s, times contraction
+    velocity, (T, M) each. All inputs are linear between the sampling instants. The joints start at `start_rad`, (J,),
+    in balance where a person compensates loads.
     """
     drive, aims = np.stack([pressure_kpa, deviation_n, drag_n_s], axis=1), np.stack(intention, axis=1)
     of_muscle = np.array(joint_of_muscle)

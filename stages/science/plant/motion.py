@@ -16,7 +16,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numba import njit
 
-from stages.science.plant.reading import read
+from stages.science.plant.filters import read
 from stages.science.signals.trajectories import Array
 
 Between = Literal["band_limited", "linear", "held", "averaged"]
@@ -186,30 +186,22 @@ def integrate(
 ) -> Array:
     """Return motions at the sampling instants, (T, K), in scales, as the sensor of the terms shows them.
 
+    A column's motion is the same, bit for bit, whatever columns lie beside it.
+
     Parameters
     ----------
-    drive : (K, (T - 1) * 2 * substeps + 1) ndarray
-        Acceleration that the inputs bring, scales per squared pace.
-    hold : (K, 1) or (K, (T - 1) * 2 * substeps + 1) ndarray
-        Of the spring, per squared pace.
-    start : (2, K) ndarray
-        Place and velocity, scales and scales per pace.
-    damping : (K,) ndarray
-        Per pace.
+    drive, hold : (K, (T - 1) * 2 * substeps + 1) ndarray
+        Acceleration that the inputs bring, scales per squared pace, and the spring's hold, per squared pace, or (K, 1).
+    start, damping : (2, K), (K,) ndarray
+        Place and velocity, scales and scales per pace; damping per pace.
     terms : sequence of MotionTerms
         Of all effects together, for each column.
-    pace : float
-        Time between samples over the pace.
-    substeps : int
-        Steps of the classical Runge-Kutta rule per sample; with a fifth of a pace each, its error is some 1e-5.
-    late : (K,) ndarray
-        By which the drive acts, samples; may be negative.
-    offset : float or (K,) ndarray
-        What the sensor adds after all, scales: its ends are readings with it, and motions are told without.
-
-    Notes
-    -----
-    A column's motion is the same, bit for bit, whatever columns lie beside it.
+    pace, substeps : float, int
+        Time between samples over the pace; steps of the classical Runge-Kutta rule in it, whose error is some 1e-5 with
+        a fifth of a pace each.
+    late, offset : (K,) ndarray
+        By which the drive acts, samples, maybe negative; what the sensor adds after all, scales: its ends are readings
+        with it, and motions are told without.
     """
     told = {name: np.array([getattr(each, name) for each in terms]) for name in MotionTerms._fields}
     h = pace / substeps
@@ -226,23 +218,10 @@ def integrate(
 
 
 def refine(signal: Array, substeps: int, between: Between) -> Array:
-    """Return an input at the instants that the integrator looks at, twice a substep.
+    """Return an input (T, ...) at the instants that the integrator looks at, ((T - 1) * 2 * substeps + 1, ...).
 
-    Parameters
-    ----------
-    signal : (T, ...) ndarray
-        At the sampling instants.
-    substeps : int
-        Integration steps per sample.
-    between : {"band_limited", "linear", "held", "averaged"}
-        What the input does between samples: follows the smooth curve through them that holds no frequency above half
-        the sampling rate, or a straight line, or stays; or samples are means over a period each, which straight lines
-        are to keep.
-
-    Returns
-    -------
-    ((T - 1) * 2 * substeps + 1, ...) ndarray
-        The first and the last are the signal's own.
+    Between samples it follows the smooth curve through them that holds no frequency above half the sampling rate, or a
+    straight line, or stays; or samples are means over a period each, which straight lines are to keep.
     """
     from scipy.signal import resample_poly
 

@@ -80,16 +80,8 @@ def _pull_columns(pressure: Array, contraction: Array, velocity: Array, muscles:
 def compute_tension(pressure_kpa: Array, contraction: Array, velocity_per_s: Array, muscles: MuscleConstants) -> Array:
     """Return the tension (T, K), N, of each muscle by the static law with linear damping; a slack one pulls with zero.
 
-    Parameters
-    ----------
-    pressure_kpa : (T, K) ndarray
-        Pressure in the muscle, kPa gauge.
-    contraction : (T, K) ndarray
-        Ratio of rest length, positive when shorter.
-    velocity_per_s : (T, K) ndarray
-        Its rate, 1/s.
-    muscles : MuscleConstants
-        Constants of the K columns.
+    Of pressures in the muscle, kPa gauge, contractions, ratios of rest length, positive when shorter, and their rates,
+    1/s, (T, K) each.
     """
     pressure, contraction, velocity = (
         np.ascontiguousarray(each, dtype=float) for each in (pressure_kpa, contraction, velocity_per_s)

@@ -1,31 +1,30 @@
 """Operators with memory but without time: stops, plays and the Bouc-Wen equation.
 
 Arrays (T, K) flow in and out, each column on its own, from rest at the first sample. What comes out depends on the way
-that the input took and not on its speed.
+that the input took and not on its speed. The cable's dry frictions share one, its bounds and where fits begin.
 """
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from numba import njit
 
+from stages.science.plant.effect import Parameter, State
 from stages.science.signals.trajectories import Array
+
+PRESLIDING = Parameter(
+    "presliding", "1", 0.0001, 0.004, 0.001, 0.001, "contraction over which it yields first", (0.0008, 0.0025)
+)
 
 
 @njit(cache=True, error_model="numpy")
 def follow_stops(signal: Array, widths: Array) -> Array:
-    """Return the mean of stop operators, each between -1 and 1 and turning within its width.
+    """Return the mean of stop operators of a signal (T, K), each between -1 and 1 and turning within its width.
 
-    Parameters
-    ----------
-    signal : (T, K) ndarray
-        Input.
-    widths : (E,) ndarray
-        Way from 0 to 1 of each operator, in the input's unit.
-
-    Notes
-    -----
-    A stop is a spring with a slider: the element of the Maxwell-slip model. The operators carry equal force.
+    A width (E,) is the way from 0 to 1 of each operator, in the signal's unit. A
+    stop is a spring with a slider: the element of the Maxwell-slip model. The operators carry equal force.
     """
     samples, columns = signal.shape
     mean = np.zeros((samples, columns))
@@ -53,8 +52,6 @@ def follow_play(signal: Array, radius: float) -> Array:
 def follow_bouc_wen(signal: Array, width: float) -> Array:
     """Return the state z, between -1 and 1, of the Bouc-Wen equation over a signal (T, K).
 
-    Notes
-    -----
     Exponent 1 and equal coefficients: dz/dx = (1 - |z|) / width while z grows in size and 1 / width while it shrinks,
     solved exactly for an input that runs straight from sample to sample.
     """
@@ -71,3 +68,8 @@ def follow_bouc_wen(signal: Array, width: float) -> Array:
                 z = 1.0 - (1.0 - z) * np.exp(-left)
             state[k, m] = direction * z
     return state
+
+
+def slide_after_yielding(state: State, parameters: Mapping[str, float]) -> Array:
+    """Return the direction of a friction, (T, K), that turns within `presliding` of contraction after a reversal."""
+    return follow_stops(state.contraction, np.array([parameters["presliding"]]))

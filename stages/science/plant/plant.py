@@ -117,6 +117,10 @@ class Plant(Declared):
     )
     effects: list[AppliedEffect]
 
+    def count_substeps(self, step_s: float) -> int:
+        """Return the integrator's steps in a sample, s."""
+        return max(int(np.ceil(step_s / self.integration_step_s - 1e-9)), 1)
+
     def check_against(self, exoskeleton: Exoskeleton) -> Self:
         """Return the plant if it fits the machine.
 

@@ -135,15 +135,19 @@ class RecordPlant(Declared):
     def _check_signals_and_effects(self) -> Self:
         if self.output in self.inputs:
             raise ValueError(f"output: expected another signal than those it is told from, got {self.output}")
-        placed = self.place()
         if self.TERMS is not None:
-            collect(self.TERMS, self.SITE, placed)
+            collect(self.TERMS, self.SITE, self.place())
         return self
 
     @property
-    @abstractmethod
     def inputs(self) -> tuple[str, ...]:
-        """Signals that the output is told from."""
+        """Signals that the output is told from: here all that fields name."""
+        named: list[str] = []
+        for key, each in type(self).model_fields.items():
+            if each.annotation in (str, list[str]) and key not in ("kind", "output"):
+                told = getattr(self, key)
+                named += [told] if isinstance(told, str) else told
+        return tuple(named)
 
     @property
     def pushing(self) -> tuple[str, ...]:
@@ -217,12 +221,7 @@ class RecordPlant(Declared):
     def resolve_from_data(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
         """Return the plant with scales and constants, where they were left open, from recorded signals.
 
-        Parameters
-        ----------
-        records : sequence of mapping of str to (N_r,) ndarray
-            Inputs and output of each record by name, without gaps.
-        step_s : float
-            Time between samples, s.
+        Of each record, inputs and output by name, (N_r,) without gaps, sampled every `step_s`, s.
 
         Raises
         ------
@@ -294,14 +293,10 @@ class RecordPlant(Declared):
         signals : mapping of str to (T, R) ndarray
             Inputs by name, without gaps, as `refine` returns them; R records. With the output too, the state in which
             a record begins may be refined by its first `HEAD` samples.
-        step_s : float
-            Time between samples, s.
-        start_s : (R,) ndarray
-            Start of each record in the session, s.
-        constants : mapping of str to float
-            By name.
-        effects : sequence of (Effect, mapping)
-            Beside those listed, which act first.
+        step_s, start_s : float, (R,) ndarray
+            Time between samples, and start of each record in the session, s.
+        constants, effects
+            By name; beside those listed, which act first.
         begun : InitialState, optional
             From `read_initial_state`; without it a machine with a memory begins at rest.
         """
@@ -357,16 +352,7 @@ class RecordPlant(Declared):
 def list_limits(effect: Effect, form: str, drives: Iterable[Array], scale: float) -> Tries:
     """Return values of a limit's one parameter, scale over limit, from which fits may begin; None of another effect.
 
-    Parameters
-    ----------
-    effect : Effect
-        Any.
-    form : str
-        Of saturation, that limits the drives.
-    drives : iterable of ndarray
-        What is limited, of each record; a twentieth, a fifth and half of it lie beyond.
-    scale : float
-        In which the effect tells its limit, in their unit.
+    Of the form of saturation that limits drives, one of each record; a twentieth, a fifth and half of them lie beyond.
     """
     if (effect.name, effect.form) != ("saturation", form):
         return None
@@ -398,18 +384,9 @@ def begin(
 ) -> Array:
     """Return the states (S, K) in which records begin: what agrees best with their first samples, near a guess.
 
-    Two steps of Gauss and Newton.
-
-    Parameters
-    ----------
-    run : callable
-        Of states (S, N), the records that they belong to (N,) and a count, returns so many first samples of the output.
-    guess, wide : (S, K) ndarray
-        Means and standard deviations of Gaussian priors.
-    heads : (H, K) ndarray
-        First samples of each record's output; NaN where there is none.
-    noise : (K,) ndarray
-        Of a sample, in the output's unit.
+    Two steps of Gauss and Newton. Of states (S, N), the records that they belong to (N,) and a count, `run` returns so
+    many first samples of the output. Gaussian priors have means `guess` and deviations `wide`, (S, K); `heads` (H, K)
+    are measured, NaN where nothing was, with a noise (K,) in the output's unit.
     """
     count, records = guess.shape
     known = np.isfinite(heads)

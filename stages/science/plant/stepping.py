@@ -8,12 +8,13 @@ to the tension by passes over the trial; here each sample is passed over, beginn
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 
 from stages.science.plant.chain import Chain
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.plant.interaction import Motion, pull_and_split
+from stages.science.plant.interaction import Motion, follow
 from stages.science.plant.joint import advance, balance, collect_joints, split_by_joint
 from stages.science.plant.participant import Intention, Person
 from stages.science.plant.plant import Plant
@@ -32,8 +33,7 @@ class Steps:
         self.joints = collect_joints(exoskeleton, plant)
         self.of_muscle = np.array(exoskeleton.joint_of_muscle)
         self.person = person
-        self.step_s = 1.0 / exoskeleton.sampling_rate_hz
-        self.substeps = max(int(np.ceil(self.step_s / plant.integration_step_s - 1e-9)), 1)
+        self.substeps = plant.count_substeps(self.chain.step_s)
         self.aims = np.stack(intention, axis=1)  # (T, 3, J)
         samples, muscles = len(self.aims), len(self.of_muscle)
         self.on = [self.of_muscle == j for j in range(len(self.joints))]
@@ -41,26 +41,11 @@ class Steps:
         self.inputs = [np.empty((3, 3, int(on.sum()))) for on in self.on]
         self.command = np.zeros((samples, muscles))
         self.drive = np.zeros((samples, 3, muscles))
+        self.pressure = self.drive[:, 0]
         self.angle, self.velocity = (np.zeros((samples, len(self.joints))) for _ in range(2))
         self.force, self.tension = (np.zeros((samples, muscles)) for _ in range(2))
         self.states = np.stack([start_rad, np.zeros_like(start_rad), np.zeros_like(start_rad)], axis=1)
         self.at = 0
-
-    @property
-    def pressure(self) -> Array:
-        """Pressures at the valves (T, M), kPa gauge, as far as the trial is."""
-        return self.drive[:, 0]
-
-    @property
-    def contraction(self) -> Array:
-        """Contractions by geometry (T, M)."""
-        constants = self.chain.constants
-        return constants.contraction_at_angle_0 + constants.contraction_per_rad * self.angle[:, self.of_muscle]
-
-    @property
-    def rate(self) -> Array:
-        """Their rates (T, M), 1/s."""
-        return self.chain.constants.contraction_per_rad * self.velocity[:, self.of_muscle]
 
     @property
     def over(self) -> bool:
@@ -75,13 +60,12 @@ class Steps:
     def collect(self) -> Motion:
         """Return the motion, as far as the trial is."""
         part = slice(self.at + 1)
-        told = (self.pressure, self.contraction, self.rate, self.force, self.tension, self.angle, self.velocity)
-        return Motion(*(each[part] for each in told))
+        return replace(self.motion, force_n=self.force[part], tension_n=self.tension[part])
 
     def begin(self, command_kpa: Array) -> None:
         """Set the first sample: muscles filled to a command, joints at rest, the person in balance."""
         self.command[0] = command_kpa
-        self.drive[0, 0] = self.chain.pressurise(self.command[:1])[0]
+        self.pressure[0] = self.chain.pressurise(self.command[:1])[0]
         self._settle(0, self.states)
         for j, (on, joint) in enumerate(zip(self.on, self.joints, strict=True)):
             drive = np.ascontiguousarray(self.drive[:1, :, on])
@@ -90,9 +74,8 @@ class Steps:
     def step(self, command_kpa: Array) -> None:
         """Go on by one sample, over which a command was held."""
         now, after = self.at, self.at + 1
-        self.command[now] = command_kpa
-        self.command[after] = command_kpa
-        self.drive[after, 0] = self.chain.pressurise(self.command[: after + 1])[after]
+        self.command[now : after + 1] = command_kpa
+        self.pressure[after] = self.chain.pressurise(self.command[: after + 1])[after]
         self.drive[after, 1:] = self.drive[now, 1:]
         for _ in range(PASSES if self.chain.bends_force else 1):
             states = np.array([self._move(now, j) for j in range(len(self.joints))])
@@ -105,12 +88,13 @@ class Steps:
         drive, aims = (
             np.ascontiguousarray(each) for each in (self.drive[both][:, :, self.on[j]], self.aims[both, :, j])
         )
-        constants = (self.joints[j], self.muscles[j], self.person[j], self.step_s, self.substeps)
+        constants = (self.joints[j], self.muscles[j], self.person[j], self.chain.step_s, self.substeps)
         return advance(tuple(self.states[j]), drive, aims, 0, *constants, self.inputs[j])
 
     def _settle(self, at: int, states: Array) -> None:
         """Note a sample's motion, its tensions, and what effects do to them."""
         self.angle[at], self.velocity[at] = states[:, 0], states[:, 1]
-        pressure, contraction, rate = (each[: at + 1] for each in (self.pressure, self.contraction, self.rate))
-        found = pull_and_split(self.chain, pressure, contraction, rate, since=at)
+        pressure, angle, velocity = (each[: at + 1] for each in (self.pressure, self.angle, self.velocity))
+        self.motion, rest, drag = follow(self.chain, self.of_muscle, pressure, angle, velocity, since=at)
+        found = (self.motion.force_n, self.motion.tension_n, rest, drag)
         self.force[at], self.tension[at], self.drive[at, 1], self.drive[at, 2] = (each[0] for each in found)

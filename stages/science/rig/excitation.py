@@ -19,8 +19,7 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import MOST_ROWS, Rig, Watch, tidy
 from stages.science.rig.limits import Limits, ordered
 from stages.science.rig.trial import Proposal, Trial
-from stages.science.signals.pressures import pressure_profiles
-from stages.science.signals.trajectories import Array
+from stages.science.signals.trajectories import Array, pressure_profiles
 
 
 class Range(Declared):

@@ -6,31 +6,17 @@ from stages.science.signals.trajectories import Array
 
 
 def differentiate(signal: Array, sampling_rate_hz: float, window_s: float, order: int) -> Array:
-    """Return the zero-phase filtered derivative of each column, in the unit of the signal per second.
+    """Return the zero-phase filtered derivative of each column of a signal (T, ...), in its unit per second.
 
-    A polynomial is fitted by least squares in a window around each sample and differentiated there; at the ends the
-    first and last whole windows serve.
-
-    Parameters
-    ----------
-    signal : (T, ...) ndarray
-        Any unit.
-    sampling_rate_hz : float
-        Samples per second.
-    window_s : float
-        Length of the window, s; rounded to an odd number of samples that holds the polynomial.
-    order : int
-        Degree of the polynomial, at least 1.
+    A polynomial of that order, at least 1, is fitted by least squares in a window around each sample and differentiated
+    there; at the ends the first and last whole windows serve. The window, s, is rounded to an odd number of samples
+    that holds the polynomial (Savitzky and Golay, Smoothing and differentiation of data by simplified least squares
+    procedures, Anal. Chem. 36, 1964).
 
     Raises
     ------
     ValueError
         When the signal is shorter than the window or not finite, or the order or the rate makes no sense.
-
-    Notes
-    -----
-    Savitzky and Golay, Smoothing and differentiation of data by simplified least squares procedures, Anal. Chem. 36
-    (1964).
     """
     from scipy.signal import savgol_filter  # half a second that a run with nothing to differentiate is spared
 

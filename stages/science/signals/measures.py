@@ -1,13 +1,17 @@
-"""How far a prediction is from a measurement."""
+"""How far a prediction is from a measurement, and how late one signal follows another."""
 
 from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike
 
+from stages.science.signals.trajectories import Array
+
 LARGEST_VALUE = 1e150
 SMALLEST_FORCE = 1e-150
 """Quotients of values between them are finite."""
+LEAST_CORRELATION = 0.5
+"""Correlation at the best delay below which a signal does not follow the other one."""
 
 
 def rmse(predicted: ArrayLike, measured: ArrayLike) -> float:
@@ -45,3 +49,29 @@ def error_rate(predicted: ArrayLike, measured: ArrayLike) -> float:
     if not largest > SMALLEST_FORCE:
         raise ValueError(f"expected a positive measured force to divide by, got a maximum of {largest} N")
     return error / largest
+
+
+def find_delay(shown: Array, followed: Array, sampling_rate_hz: float, longest_s: float) -> float:
+    """Return the delay of `followed`, s, by the largest correlation with what was shown, interpolated by a parabola.
+
+    Both are (T,), sampled at the same instants; delays are looked for up to `longest_s`, s, and half the signals. It is
+    nan where the signals do not move, do not agree, or agree best at the longest delay.
+    """
+    lags = np.arange(min(int(longest_s * sampling_rate_hz), len(shown) // 2) + 1)
+    correlation = np.array([_correlate(shown[: len(shown) - lag], followed[lag:]) for lag in lags])
+    if not np.isfinite(correlation).all():
+        return float("nan")
+    best = int(np.argmax(correlation))
+    if correlation[best] < LEAST_CORRELATION or best == lags[-1]:
+        return float("nan")
+    shift = 0.0
+    if best > 0:
+        before, at, after = correlation[best - 1 : best + 2]
+        shift = 0.5 * (before - after) / (before - 2.0 * at + after) if before + after < 2.0 * at else 0.0
+    return float((best + shift) / sampling_rate_hz)
+
+
+def _correlate(first: Array, second: Array) -> float:
+    first, second = first - first.mean(), second - second.mean()
+    size = np.sqrt((first @ first) * (second @ second))
+    return float(first @ second / size) if size > 0.0 else float("nan")

@@ -13,16 +13,7 @@ def band_noise(
 ) -> Array:
     """Draw Gaussian noise (samples, columns) whose power lies between two frequencies, with unit expected variance.
 
-    Parameters
-    ----------
-    generator : numpy.random.Generator
-        The only source of randomness.
-    samples, columns : int
-        Shape of the result; columns are independent.
-    sampling_rate_hz : float
-        Samples per second.
-    low_hz, high_hz : float
-        Edges of the flat band; the mean is never in it.
+    Columns are independent; the band between the frequencies is flat, and the mean never in it.
 
     Raises
     ------

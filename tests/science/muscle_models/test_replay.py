@@ -1,17 +1,19 @@
-"""Replays against Algorithm 1 itself, and the time shift against its definition."""
+"""Replays against Algorithm 1 itself, the time shift against its definition, and models rebuilt against the loop's."""
 
 from itertools import pairwise
 
 import numpy as np
+import pandas as pd
 import pytest
 from pydantic import ValidationError
 from scipy import stats
 
 from stages.science.gp.interaction import Interaction
-from stages.science.muscle_models.force_test import ForceTest
+from stages.science.gp.marginal import fit
+from stages.science.muscle_models.error_rates import ForceTest
 from stages.science.muscle_models.loop_settings import LoopSettings
-from stages.science.muscle_models.muscle_set import MuscleSet
-from stages.science.muscle_models.replay import Replay, TimeShift
+from stages.science.muscle_models.muscle_set import MuscleSet, RecordedModels
+from stages.science.muscle_models.replay import Replay, displace
 from tests.science.muscle_models.data import LOOP, MUSCLES, PERIOD_S, draw, make_bank, make_tables
 
 INITIAL = [4, 1]
@@ -100,16 +102,8 @@ def test_shifted_random_picks_are_distinct_samples_too(tables, replay):
         assert all((x == each).all(axis=1).any() for each in taken)
 
 
-def test_a_shift_changes_what_is_learned_and_repeats_itself(replay):
-    first, second, without = run(replay, 0.3), run(replay, 0.3), run(replay)
-    np.testing.assert_array_equal(first[-1].thetas, second[-1].thetas)
-    np.testing.assert_array_equal(first[0].thetas, without[0].thetas)
-    assert not np.array_equal(first[-1].outputs[0], without[-1].outputs[0])
-
-
 def test_shifts_are_uniform_and_rounded_to_samples(generator):
-    shift = TimeShift(0.1, 0.02)
-    rows = np.array([shift.displace(50, [], 101, generator) for _ in range(4000)])
+    rows = np.array([displace(50, [], 101, 0.1, 0.02, generator) for _ in range(4000)])
     shares = np.array([0.5, *[1.0] * 9, 0.5]) / 10
     found = np.bincount(rows - 45, minlength=11)
     assert stats.chisquare(found, 4000 * shares).pvalue > 1e-3
@@ -126,17 +120,14 @@ def test_shifts_are_uniform_and_rounded_to_samples(generator):
     ],
 )
 def test_shifts_reach_free_samples_of_the_trial_within_the_amplitude(amplitude_s, row, taken, samples, kept, generator):
-    shift = TimeShift(amplitude_s, 0.02)
-    assert {shift.displace(row, taken, samples, generator) for _ in range(300)} == kept
+    assert {displace(row, taken, samples, amplitude_s, 0.02, generator) for _ in range(300)} == kept
     with pytest.raises(ValueError, match=rf"free sample within {amplitude_s} s of sample {row}"):
-        shift.displace(row, [*taken, *kept], samples, generator)
+        displace(row, [*taken, *kept], samples, amplitude_s, 0.02, generator)
 
 
 def test_amplitudes_share_their_uniform_numbers():
     for seed in range(50):
-        short, long = (
-            TimeShift(each, 0.001).displace(500, [], 1001, np.random.default_rng(seed)) - 500 for each in (0.1, 0.3)
-        )
+        short, long = (displace(500, [], 1001, each, 0.001, np.random.default_rng(seed)) - 500 for each in (0.1, 0.3))
         assert abs(long - 3 * short) <= 2
 
 
@@ -193,3 +184,39 @@ def test_the_number_of_displacements_is_that_of_the_muscles(replay):
     recorded = [each[0] for each in replay.inputs], [each[0] for each in replay.outputs]
     with pytest.raises(ValueError, match="expected 2 muscles, got 1"):
         known.tell(0, *recorded, [draw(1), draw(2)], [lambda row, taken: row])
+
+
+@pytest.fixture
+def recorded(tables, generator):
+    """Return tables, what was fitted to two trials of pam2, and the rows that tell of it."""
+    muscles = MuscleSet.read(tables["candidates"], tables["hyperprior"], tables["scaling"])
+    samples = tables["bank"].query("muscle == 'pam2'").iloc[::23]
+    points = samples.assign(trial=np.arange(len(samples)) // 6)
+    (_, inputs), (_, outputs) = (each for each in muscles.standardise(tables["bank"].iloc[points.index]))
+    sizes = [(points["trial"] <= trial).sum() for trial in (0, 1)]
+    fitted = [fit(inputs[:n], outputs[:n], muscles.priors[1], generator=generator, starts=1) for n in sizes]
+    models = pd.concat([pd.DataFrame({"trial": trial, "value": each.theta}) for trial, each in enumerate(fitted)])
+    return tables, fitted, models, points
+
+
+def test_a_model_stands_on_the_points_of_its_trial_and_earlier_ones(recorded, generator):
+    tables, fitted, models, points = recorded
+    its = RecordedModels.read(tables["hyperprior"], tables["scaling"], MUSCLES[1])
+    at = generator.standard_normal((20, 3))
+    for trial in (0, 1):
+        rebuilt = its.rebuild(models[models["trial"] == trial], points)
+        for found, expected in zip(rebuilt.predict_marginal(at), fitted[trial].predict_marginal(at), strict=True):
+            np.testing.assert_allclose(found, expected, rtol=1e-10)
+    assert len(its.rebuild(models[models["trial"] == 0], points).inputs) == 6
+    with pytest.raises(ValueError, match=r"expected the rows of one trial, got those of trials \[0, 1\]"):
+        its.rebuild(models, points)
+
+
+def test_a_constant_mean_is_read_from_table_1(recorded):
+    tables, _, models, points = recorded
+    row = {"muscle": MUSCLES[1], "hyperparameter": "constant_mean", "mean": 0.0, "variance": 1.0}
+    prior = pd.concat([tables["hyperprior"], pd.DataFrame([row])], ignore_index=True)
+    its = RecordedModels.read(prior, tables["scaling"], MUSCLES[1])
+    longer = pd.concat([models[models["trial"] == 1], pd.DataFrame([{"trial": 1, "value": 0.7}])])
+    assert its.rebuild(longer, points).predict_mean(np.full((1, 3), 1e3))[0] == pytest.approx(0.7)
+    assert RecordedModels.read(prior, tables["scaling"], MUSCLES[0]).mean == "zero"

@@ -1,54 +1,47 @@
 import numpy as np
 import pytest
 
-from stages.science.plant import joint, muscle, operators, valve
+from stages.science.plant import filters, joint, muscle, operators
 from stages.science.plant.chain import Chain
 from stages.science.plant.interaction import interact
 from stages.science.plant.participant import Intention, embody, intend
-from stages.science.signals.pressures import pressure_profiles
+from stages.science.signals.trajectories import pressure_profiles
 from tests.science.plant.machines import configured, other_machine, with_effects
 
 
-def draw_command(seed):
-    times = {"hold_s": (0.3, 1.0), "transition_s": (0.2, 0.6), "step_share": 0.3}
-    return pressure_profiles(np.random.default_rng(seed), [20, 50, 20, 50], [200, 600, 150, 600], 1000, 250.0, **times)
-
-
-def draw_intention(who, machine, seed):
+def draw_intention(who, machine):
     time = np.arange(1000)[:, None] / 250
     reference = 0.6 + 0.4 * np.sin(2 * np.pi * 0.5 * time + np.arange(len(machine.joints)))
-    return intend(who, machine, reference, np.random.default_rng(seed))
+    return intend(who, machine, reference, np.random.default_rng(3))
 
 
-def move(plant, seed=3):
+def move(plant, passes=None):
     rig = configured()
     who, machine = rig.participants["p1"], rig.exoskeleton
-    intention = draw_intention(who, machine, seed)
-    return interact(machine, plant, draw_command(seed), intention, embody(who, machine), intention.angle_rad[0])
+    times = {"hold_s": (0.3, 1.0), "transition_s": (0.2, 0.6), "step_share": 0.3}
+    command = pressure_profiles(np.random.default_rng(3), [20, 50] * 2, [200, 600, 150, 600], 1000, 250.0, **times)
+    intention = draw_intention(who, machine)
+    plant = plant.model_copy(update={"relaxation_passes": passes or plant.relaxation_passes})
+    return interact(machine, plant, command, intention, embody(who, machine), intention.angle_rad[0])
 
 
 def test_the_passes_converge_and_the_textbook_needs_one():
     plant = configured("rich").plant
-    settled = move(plant.model_copy(update={"relaxation_passes": 40}))
-    far = []
-    for passes in (1, 2, 4, 6, 10):
-        motion = move(plant.model_copy(update={"relaxation_passes": passes}))
-        far.append(np.abs(motion.joint_angle_rad - settled.joint_angle_rad).max())
+    settled = move(plant, 40).joint_angle_rad
+    far = [np.abs(move(plant, passes).joint_angle_rad - settled).max() for passes in (1, 2, 4, 6, 10)]
     assert (np.diff(far) < 0).all()
     assert far[-2] < 1e-3
     assert far[-1] < 0.05 * far[0]
-    again = move(plant.model_copy(update={"relaxation_passes": 60}))
-    assert np.abs(again.joint_angle_rad - settled.joint_angle_rad).max() < 1e-9
-    textbook = configured().plant
-    one, many = (move(textbook.model_copy(update={"relaxation_passes": n})).joint_angle_rad for n in (1, 9))
+    assert np.abs(move(plant, 60).joint_angle_rad - settled).max() < 1e-9
+    one, many = (move(configured().plant, passes).joint_angle_rad for passes in (1, 9))
     assert np.array_equal(one, many)
 
 
 def test_settled_motion_is_that_of_the_tension_it_brings_by_the_whole_chain():
     rig = configured("rich")
     who, machine = rig.participants["p1"], rig.exoskeleton
-    settled = move(rig.plant.model_copy(update={"relaxation_passes": 40}))
-    chain, intention = Chain(machine, rig.plant), draw_intention(who, machine, 3)
+    settled = move(rig.plant, 40)
+    chain, intention = Chain(machine, rig.plant), draw_intention(who, machine)
     force, tension = chain.pull(settled.pressure_kpa, settled.contraction, settled.velocity_per_s)
     assert np.array_equal(force, settled.force_n)
     assert np.array_equal(tension, settled.tension_n)
@@ -58,25 +51,6 @@ def test_settled_motion_is_that_of_the_tension_it_brings_by_the_whole_chain():
     angle, _ = joint.integrate_joints(*inputs, joints, chain.constants, of_muscle, embody(who, machine), 0.004, 2)
     assert np.abs(given).max() > 50.0
     assert angle == pytest.approx(settled.joint_angle_rad, abs=1e-3)
-
-
-def test_pressure_disturbs_the_person_who_then_compensates():
-    weak = np.full((1000, 4), 1.0) * [60.0, 200.0, 60.0, 200.0]
-    strong = weak.copy()
-    strong[250:, 0] += 80.0
-    rig = configured()
-    steady = Intention(np.full((1000, 2), 0.6), np.zeros((1000, 2)), np.zeros((1000, 2)))
-    person = embody(rig.participants["p1"], rig.exoskeleton)
-    start = steady.angle_rad[0]
-    calm, pushed = (
-        interact(rig.exoskeleton, rig.plant, command, steady, person, start).joint_angle_rad
-        for command in (weak, strong)
-    )
-    gap = pushed[:, 0] - calm[:, 0]
-    assert np.abs(calm - 0.6).max() < 1e-6
-    assert gap.max() > 0.05
-    assert abs(gap[-1]) < 0.1 * gap.max()
-    assert np.abs(pushed[:, 1] - calm[:, 1]).max() < 1e-9
 
 
 def test_intention_is_delayed_scaled_and_shaky():
@@ -113,7 +87,7 @@ def test_other_machines_are_rows(muscles_of_joint):
 
 
 def test_changing_effects_compiles_nothing():
-    kernels = [muscle._pull_columns, valve._lag_columns, joint._integrate, operators.follow_stops]
+    kernels = [muscle._pull_columns, filters._lag_columns, joint._integrate, operators.follow_stops]
     rich = configured("rich").plant
     move(rich)
     before = [len(kernel.signatures) for kernel in kernels]

@@ -18,21 +18,12 @@ def terms_of(*placed):
     return collect(MotionTerms, SITE, placed)
 
 
-def answer(signal, terms=MotionTerms(), between="linear", substeps=SUBSTEPS):  # noqa: B008
+def answer(signal, terms=MotionTerms(), substeps=SUBSTEPS):  # noqa: B008
     """A spring of 60 Hz that answers an input of 1 with 2, from rest."""
-    fine = refine(np.asarray(signal, dtype=float)[:, None], substeps, between)
+    fine = refine(np.asarray(signal, dtype=float)[:, None], substeps, "linear")
     drive, damping, late = GAIN / SCALE * fine.T, np.array([2 * DAMPING]), np.zeros(1)
     motion = integrate(drive, np.ones((1, 1)), np.zeros((2, 1)), damping, [terms], OMEGA * STEP, substeps, late)
     return SCALE * motion[:, 0]
-
-
-@pytest.mark.parametrize("ratio", [0.5, 1.0, 1.5])
-def test_the_steady_response_to_a_sine_has_its_closed_form(ratio):
-    instants = np.arange(1500) * STEP
-    moved = answer(0.01 * np.sin(ratio * OMEGA * instants), between="band_limited")[-500:]
-    transfer = 2.0 / (1 - ratio**2 + 2j * 0.05 * ratio)
-    truth = 0.01 * np.imag(transfer * np.exp(1j * ratio * OMEGA * instants))[-500:]
-    assert moved[:450] == pytest.approx(truth[:450], abs=2e-3 * abs(transfer) * 0.01)
 
 
 def test_between_samples_an_input_is_held_straight_or_smooth():
@@ -47,10 +38,11 @@ def test_between_samples_an_input_is_held_straight_or_smooth():
 
 
 RATES = {
-    "duffing": ({"share": 0.8}, lambda x, w: -0.8 * x**3),
-    "linear_damping": ({"share": 0.3}, lambda x, w: -0.3 * w),
-    "quadratic_drag": ({"share": 0.3}, lambda x, w: -0.3 * w * abs(w)),
-    "slider": ({"share": 0.1, "sliding": 0.2}, lambda x, w: -0.1 * np.tanh(w / 0.2)),
+    "duffing": ({"share": 0.8}, lambda x, w, z: -0.8 * x**3),
+    "linear_damping": ({"share": 0.3}, lambda x, w, z: -0.3 * w),
+    "quadratic_drag": ({"share": 0.3}, lambda x, w, z: -0.3 * w * abs(w)),
+    "slider": ({"share": 0.1, "sliding": 0.2}, lambda x, w, z: -0.1 * np.tanh(w / 0.2)),
+    "bouc_wen_spring": ({"share": 0.5, "turning": 0.2}, lambda x, w, z: -0.5 * z),
 }
 
 
@@ -61,29 +53,15 @@ def test_motion_agrees_with_an_adaptive_solver(effect, generator):
     values, more = RATES[effect.form]
 
     def rates(now, state):
-        x, w = state
+        x, w, z = state
         drive = 2.0 / 0.3 * np.interp(now, instants, signal)
-        return [OMEGA * w, OMEGA * (drive - x - 0.1 * w + more(x, w))]
+        turned = w / 0.2 * (1.0 - (z**2 if w * z > 0.0 else 0.0))
+        return OMEGA * np.array([w, drive - x - 0.1 * w + more(x, w, z), turned])
 
-    truth = 0.3 * solve(rates, [0.0, 0.0], instants)[0]
+    truth = 0.3 * solve(rates, np.zeros(3), instants)[0]
     moved = answer(signal, terms_of((effect, values)), substeps=16)
     assert np.abs(moved).max() > 0.3
     assert moved == pytest.approx(truth, abs=2e-4 * np.abs(moved).max())
-
-
-def work_per_cycle(hertz, terms):
-    """Work that the input does in one slow cycle, over that of stretching the spring by one scale."""
-    instants = np.arange(round(3 / hertz / STEP)) * STEP
-    signal = 0.3 * np.sin(2 * np.pi * hertz * instants)
-    last = slice(-round(1 / hertz / STEP) - 1, None)
-    return np.trapezoid(2.0 * signal[last] / 0.3, answer(signal, terms)[last] / 0.3)
-
-
-def test_a_hysteretic_spring_takes_the_same_work_at_any_speed():
-    terms = terms_of((find_effect("hysteresis", "bouc_wen_spring"), {"share": 0.5, "turning": 0.2}))
-    slow, quick = (work_per_cycle(hertz, terms) - work_per_cycle(hertz, MotionTerms()) for hertz in (0.5, 1.0))
-    assert slow > 1.0
-    assert slow == pytest.approx(quick, rel=0.02)
 
 
 def test_a_delay_shifts_the_response():

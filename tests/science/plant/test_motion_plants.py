@@ -95,33 +95,6 @@ def test_a_constant_force_draws_a_parabola_from_a_place_and_rate_that_may_be_shi
     np.testing.assert_allclose(found, 0.12 - 0.35 * time, atol=1e-12)
 
 
-@pytest.mark.parametrize("hertz", [0.5, 2.0])
-def test_a_sine_of_force_is_a_sine_of_motion(hertz):
-    time, omega = np.arange(300) * STEP_S, 2 * np.pi * hertz
-    found = move(
-        3.0 * np.sin(omega * time), force_offset=0.0, begun=begin_surely(0.0, -0.75 / omega), between="averaged"
-    )
-    np.testing.assert_allclose(found, -0.75 / omega**2 * np.sin(omega * time), atol=2e-5)
-
-
-def test_friction_agrees_with_an_adaptive_solver(generator):
-    time = np.arange(300) * STEP_S
-    force = np.cumsum(generator.standard_normal(300)) / 3.0
-    friction = [
-        ("viscous_friction", "quadratic_drag", {"share": 0.4}),
-        ("coulomb_friction", "slider", {"share": 0.2, "sliding": 0.3}),
-    ]
-
-    def rates(now, state):
-        v = state[1]
-        slowed = 0.4 * v * abs(v) / 0.3 + 0.2 * 0.3 / 0.25 * np.tanh(v * 0.5 / 0.09)
-        return [v, (np.interp(now, time, force) + 0.5) / 4.0 - slowed]
-
-    found = move(force, friction, begun=begin_surely(0.0, 0.0))
-    assert np.abs(found - move(force, begun=begin_surely(0.0, 0.0))).max() > 0.05
-    np.testing.assert_allclose(found, solve(rates, [0.0, 0.0], time)[0], atol=2e-4 * np.ptp(found))
-
-
 @pytest.mark.parametrize("share", [0.4, -0.7, 1.0])
 def test_a_force_recorded_early_or_late_acts_in_time(share):
     def push(now):

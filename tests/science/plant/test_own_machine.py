@@ -34,10 +34,6 @@ class Lever(RecordPlant):
     constants: LeverConstants
     effects: list[LeverEffect]
 
-    @property
-    def inputs(self):
-        return (self.pushed,)
-
     def guess(self, signals):
         return {"ratio": (1.0, 0.1, 10.0, 1.0)}
 
@@ -45,23 +41,8 @@ class Lever(RecordPlant):
         return constants["ratio"] * signals[self.pushed]
 
 
-class Unguessed(Lever):
-    guess = RecordPlant.guess
-
-
-class Unwatched(Lever):
-    def watch(self, signals, step_s, constants):
-        return [Watched("way", signals[self.pushed], False)]
-
-
-class Homeless(RecordPlant):
-    @property
-    def inputs(self):
-        return ()
-
-
-def read_lever(kind=Lever, **changes):
-    return kind.model_validate({"kind": "lever", "pushed": "in_m", "output": "out_m", **OPEN, **changes})
+def read_lever(**changes):
+    return Lever.model_validate({"kind": "lever", "pushed": "in_m", "output": "out_m", **OPEN, **changes})
 
 
 def build(plant):
@@ -82,21 +63,23 @@ def test_scales_constants_and_what_is_watched_have_defaults():
     assert output.loop == ("state", "rate of state")
 
 
-def test_what_is_not_told_is_named():
+def test_what_is_not_told_is_named(monkeypatch):
     told = {"ratio": {"unit": "1", "start": 1.0, "low": 0.0, "high": 9.0, "sd": 1.0}}
     with pytest.raises(ValidationError, match="output_scale\n  Field required"):
         Lever.model_validate({"kind": "lever", "pushed": "in_m", "output": "out_m", "constants": told, "effects": []})
-    with pytest.raises(ValueError, match=r"Unguessed.guess: expected \(start, low, high, sd\) of ratio, got none"):
-        build(read_lever(Unguessed))
-    with pytest.raises(ValueError, match=r"Unwatched.watch: expected a state.*and a rate.*got way \(rate=False\)"):
-        build(read_lever(Unwatched)).drivers()
+    monkeypatch.setattr(Lever, "watch", lambda plant, signals, *_: [Watched("way", signals["in_m"], False)])
+    with pytest.raises(ValueError, match=r"Lever.watch: expected a state.*and a rate.*got way \(rate=False\)"):
+        build(read_lever()).drivers()
+    monkeypatch.setattr(Lever, "guess", RecordPlant.guess)
+    with pytest.raises(ValueError, match=r"Lever.guess: expected \(start, low, high, sd\) of ratio, got none"):
+        build(read_lever())
 
 
 @pytest.mark.parametrize(
     ("module", "said"),
     [
         ({}, "lever to end in PLANT = its class"),
-        ({"PLANT": Homeless}, "expected Homeless to tell simulate, SITE; docs/"),
+        ({"PLANT": RecordPlant}, "expected RecordPlant to tell simulate, SITE; docs/"),
     ],
 )
 def test_a_file_that_lacks_something_is_refused(monkeypatch, module, said):

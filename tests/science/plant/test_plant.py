@@ -10,6 +10,7 @@ from tests.science.plant.machines import CONF, configured, with_effects
 FILES = [CONF / "rig" / "sim.yaml"]
 FILES += [path for group in ("plant", "participant", "exoskeleton") for path in sorted((CONF / group).glob("*.yaml"))]
 HYSTERESIS = {"name": "hysteresis", "muscles": None, "share": 0.03, "width": 0.02}
+FRICTION = {"name": "coulomb_friction", "torque_nm": 1.0, "sliding_rad_per_s": 0.1}
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
@@ -25,7 +26,7 @@ def test_every_number_has_its_unit_and_source(path):
         (HYSTERESIS | {"shares": 1.0}, "effect hysteresis has no parameter 'shares': did you mean 'share'?"),
         (HYSTERESIS | {"share": 0.5}, "effect hysteresis, share: expected a number from 0.0 to 0.3, got 0.5"),
         (
-            {"name": "coulomb_friction", "joints": None, "torque_nm": 99.0, "sliding_rad_per_s": 0.1},
+            FRICTION | {"joints": None, "torque_nm": 99.0},
             "effect coulomb_friction, torque_nm: expected a number from 0.0 to 10.0 N m, got 99.0; change it in",
         ),
         (HYSTERESIS | {"share": "a lot"}, "expected a number from 0.0 to 0.3, got 'a lot'"),
@@ -42,18 +43,16 @@ def test_every_number_has_its_unit_and_source(path):
             {"name": "coulomb_friction", "form": "cable", "joints": None, "share": 0.1, "sliding_per_s": 0.02},
             "effect coulomb_friction: missing key 'muscles'",
         ),
+        (HYSTERESIS | {"form": "regulator"}, "effect hysteresis has no parameter 'share'"),
         (
-            {"name": "hysteresis", "form": "regulator", "muscles": None, "share": 0.1},
-            "effect hysteresis has no parameter 'share'",
+            {"name": "cubic_stiffness", "form": "duffing", "muscles": None, "share": 0.2},
+            "acts at the motion, not at a muscle or joint",
         ),
     ],
 )
 def test_a_wrong_effect_is_named_with_the_remedy(effect, message):
     with pytest.raises(ValidationError, match=re.escape(message)):
         with_effects(configured().plant, effect)
-
-
-FRICTION = {"name": "coulomb_friction", "torque_nm": 1.0, "sliding_rad_per_s": 0.1}
 
 
 @pytest.mark.parametrize(

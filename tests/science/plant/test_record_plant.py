@@ -8,20 +8,12 @@ from pydantic import ValidationError
 from stages.science.plant.effect import find_effect, list_effects
 from stages.science.plant.effect_config import list_effects_at
 from stages.science.plant.machine import read_machine
-from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import read_initial_state
 from tests.science.discrepancy.simulated_records import build_records, drive, joint, lag, tabulate
 from tests.science.discrepancy.simulated_records import configured as configured_oscillator
 from tests.science.plant.columns import begin, label
-from tests.science.plant.machines import begin_surely, configured, read_plant, simulate
+from tests.science.plant.machines import begin_surely, read_plant, simulate
 from tests.science.plant.test_static_map import sweep
-
-
-@pytest.mark.parametrize("kind", ["first_order", "static_map"])
-def test_a_machine_that_does_not_declare_its_constants_units_has_a_section_for_them(kind):
-    with pytest.raises(ValidationError, match="constants"):
-        read_plant(kind, constants=None)
-
 
 RIM = {"name": "overflow", "scale_over_rim": 1.0, "share_down": 0.1}
 SPRING = {"name": "cubic_stiffness", "share": 0.2}
@@ -36,6 +28,8 @@ NO_OTHER = "expected another signal than those it is told from, got "
         ("first_order", {"effects": [{"name": "valve_lag", "paces": 0.1}] * 2}, "sets the same term"),
         ("first_order", {"effects": [{"name": "valve_lagg"}]}, "did you mean 'valve_lag'"),
         ("first_order", {"output_scale": 0.0}, "greater than 0"),
+        ("first_order", {"constants": None}, "constants"),
+        ("static_map", {"constants": None}, "constants"),
         ("first_order", {"offset": 1.0}, "Extra inputs are not permitted"),
         ("pam_joint", {"pressures": ["p1_kpa"]}, "at least 2 items"),
         ("pam_joint", {"pressures": ["p1_kpa", "angle_rad"]}, f"{NO_OTHER}angle_rad"),
@@ -65,21 +59,15 @@ def test_what_cannot_be_is_refused(kind, changes, told):
     ("kind", "name", "low", "message"),
     [
         ("first_order", "time_constant_s", 0.0, "time_constant_s: expected low above 0 s"),
-        ("silverbox", "natural_frequency_hz", 0.0, "natural_frequency_hz: expected low above 0 Hz"),
-        ("silverbox", "damping_ratio", -0.1, "damping_ratio: expected low of at least 0"),
+        ("second_order", "natural_frequency_hz", 0.0, "natural_frequency_hz: expected low above 0 Hz"),
+        ("second_order", "damping_ratio", -0.1, "damping_ratio: expected low of at least 0"),
     ],
 )
 def test_a_constant_that_may_be_impossible_is_refused(kind, name, low, message):
-    told = (configured_oscillator(kind) if kind == "silverbox" else read_plant(kind)).model_dump()
+    told = read_plant(kind).model_dump()
     told["constants"][name] |= {"start": 0.1, "low": low, "high": 1.0, "sd": 0.1}
     with pytest.raises(ValidationError, match=message):
         read_machine(told)
-
-
-def test_a_plant_of_muscles_takes_no_effect_of_an_oscillator():
-    told = configured().plant.model_dump() | {"effects": [SPRING | {"form": "duffing", "muscles": None}]}
-    with pytest.raises(ValidationError, match="acts at the motion, not at a muscle or joint"):
-        Plant.model_validate(told)
 
 
 AMENDED = {

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 from stages.science.rig.contract import RECORDING_COLUMNS, tidy
 from stages.science.rig.sim import SimulatedRig
 from stages.science.rig.trial import Trial
-from stages.science.signals.pressures import pressure_profiles
+from stages.science.signals.trajectories import pressure_profiles
 from tests.science.plant.machines import configured, other_machine, other_rig
 from tests.science.rig.watching import execute
 

@@ -4,21 +4,17 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from stages.science.signals.delay import find_delay
+from stages.science.signals.measures import find_delay
 from stages.science.signals.noise import band_noise
-from stages.science.signals.pressures import pressure_profiles
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
-from stages.science.signals.trajectories import connect_points, minimum_jerk, reach_postures
+from stages.science.signals.trajectories import connect_points, minimum_jerk, pressure_profiles, reach_postures
 
 TIMES = {"hold_s": (0.3, 1.0), "transition_s": (0.2, 0.6)}
 RATE_HZ = 100.0
 
 
 def test_profiles_fill_their_range(generator):
-    drawn = [
-        pressure_profiles(generator, [20, 50], [200, 600], 1000, 250.0, step_share=0.3, **TIMES) for _ in range(50)
-    ]
-    profiles = np.concatenate(drawn)
+    profiles = pressure_profiles(generator, [20, 50], [200, 600], 50000, 250.0, step_share=0.3, **TIMES)
     assert (profiles.min(axis=0) < [30, 75]).all()
     assert (profiles.max(axis=0) > [190, 575]).all()
 
@@ -32,15 +28,11 @@ def test_share_of_steps_is_kept(generator, share):
     assert steps / changes == pytest.approx(share, abs=0.08)
 
 
-def test_ramps_are_smooth(generator):
-    profile = pressure_profiles(generator, 0, 100, 2000, 250.0, step_share=0.0, **TIMES)
-    assert np.abs(np.diff(profile, axis=0)).max() * 250 <= 1.875 * 100 / 0.2 * 1.001
-
-
-def test_muscles_have_schedules_of_their_own(generator):
+def test_ramps_are_smooth_and_muscles_have_schedules_of_their_own(generator):
     profiles = pressure_profiles(generator, [0, 0], [100, 100], 2000, 250.0, step_share=0.0, **TIMES)
-    still = np.diff(profiles, axis=0) == 0.0
-    assert (still[:, 0] != still[:, 1]).mean() > 0.1
+    moved = np.diff(profiles, axis=0)
+    assert np.abs(moved).max() * 250 <= 1.875 * 100 / 0.2 * 1.001
+    assert ((moved[:, 0] == 0.0) != (moved[:, 1] == 0.0)).mean() > 0.1
 
 
 def test_minimum_jerk_is_the_polynomial_of_flash_and_hogan_held_at_its_ends():
@@ -66,21 +58,15 @@ def test_reaches_move_no_faster_than_the_shortest_move_and_differ():
     assert way.tobytes() != draw(2).tobytes()
 
 
-def test_variance_is_one_and_columns_are_independent(generator):
+def test_noise_has_unit_variance_in_its_band_and_columns_are_independent(generator):
     noise = np.stack([band_noise(generator, 1000, 2, 250.0, 6.0, 12.0) for _ in range(200)])
     assert noise.std() == pytest.approx(1.0, abs=0.02)
     assert np.corrcoef(noise[..., 0].ravel(), noise[..., 1].ravel())[0, 1] == pytest.approx(0.0, abs=0.03)
-
-
-def test_power_lies_in_the_band(generator):
     noise = band_noise(generator, 5000, 1, 250.0, 8.0, 12.0)[:, 0]
     power = np.abs(np.fft.rfft(noise * np.hanning(5000))) ** 2
     frequencies = np.fft.rfftfreq(5000, 1 / 250)
     inside = (frequencies > 7.8) & (frequencies < 12.2)
     assert power[inside].sum() > 0.999 * power.sum()
-
-
-def test_an_empty_band_is_refused(generator):
     with pytest.raises(ValueError, match="widen the band"):
         band_noise(generator, 100, 1, 100.0, 60.0, 70.0)
 

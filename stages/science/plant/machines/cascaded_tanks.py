@@ -17,7 +17,7 @@ from pydantic import Field
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
-from stages.science.plant.reading import read
+from stages.science.plant.filters import read
 from stages.science.plant.record_plant import (
     HEAD,
     InitialState,
@@ -31,17 +31,6 @@ from stages.science.plant.record_plant import (
 from stages.science.signals.trajectories import Array
 
 SITE = "tank"
-
-
-class TankValues(NamedTuple):
-    """Constants of both tanks, levels in the unit of the reading, time in seconds."""
-
-    upper_outflow: float
-    lower_inflow: float
-    lower_outflow: float
-    pump_gain: float
-    reading_offset: float
-    input_delay_s: float
 
 
 class TankTerms(NamedTuple):
@@ -59,16 +48,17 @@ class TankTerms(NamedTuple):
 
 @njit(cache=True, error_model="numpy")
 def _change(
-    upper: float, lower: float, pump: float, values: TankValues, terms: TankTerms, rim: float
+    upper: float, lower: float, pump: float, values: tuple[float, ...], terms: TankTerms, rim: float
 ) -> tuple[float, float]:
-    filled = values.pump_gain * max(pump, 0.0)
+    upper_outflow, lower_inflow, lower_outflow, pump_gain, _, _ = values
+    filled = pump_gain * max(pump, 0.0)
     down = math.sqrt(max(upper, 0.0))
     over = 0.0
-    gain = filled - values.upper_outflow * down - terms.leak * upper
+    gain = filled - upper_outflow * down - terms.leak * upper
     if terms.scale_over_rim > 0.0 and upper >= rim and gain > 0.0:
         over, gain = gain, 0.0
-    into = values.lower_inflow * down + terms.share_down * over
-    return gain, into - values.lower_outflow * math.sqrt(max(lower, 0.0))
+    into = lower_inflow * down + terms.share_down * over
+    return gain, into - lower_outflow * math.sqrt(max(lower, 0.0))
 
 
 @njit(cache=True, error_model="numpy", nogil=True)
@@ -76,21 +66,25 @@ def _fill(
     pump: Array,
     upper: float,
     lower: float,
-    values: TankValues,
+    values: tuple[float, ...],
     terms: TankTerms,
     scale: float,
     step_s: float,
     substeps: int,
 ) -> Array:
-    """Return the reading for a pump's voltage, (N,), on straight lines between samples, from levels to begin at."""
+    """Return the reading for a pump's voltage, (N,), on straight lines between samples, from levels to begin at.
+
+    Values are those of `TankConstants`, in order; levels are in the unit of the reading.
+    """
+    reading_offset, input_delay_s = values[4:]
     reading = np.empty(pump.shape[0])
-    h, late = step_s / substeps, values.input_delay_s / step_s
+    h, late = step_s / substeps, input_delay_s / step_s
     rim = scale / terms.scale_over_rim if terms.scale_over_rim > 0.0 else 1e300
     upper, lower = min(max(upper, 0.0), rim), max(lower, 0.0)
     most = scale / terms.drive_cut if terms.drive_cut > 0.0 else 1e300
-    full = scale / terms.level_cut - values.reading_offset if terms.level_cut > 0.0 else 1e300
+    full = scale / terms.level_cut - reading_offset if terms.level_cut > 0.0 else 1e300
     for k in range(pump.shape[0]):
-        reading[k] = lower + values.reading_offset
+        reading[k] = lower + reading_offset
         for i in range(substeps):
             at = min(max(k + (i + 0.5) / substeps - late, 0.0), pump.shape[0] - 1.0)
             left = int(at)
@@ -135,11 +129,6 @@ class CascadedTanks(RecordPlant):
     effects: list[_TankEffect]
 
     @property
-    def inputs(self) -> tuple[str, ...]:
-        """The pump's voltage."""
-        return (self.input,)
-
-    @property
     def finest_s(self) -> float:
         """Time between samples, s, below which more of them tell no more."""
         return 0.01 * self.movement_s
@@ -175,12 +164,13 @@ class CascadedTanks(RecordPlant):
     ) -> Array:
         """Return the reading, (T, R), each record from its own beginning; see `RecordPlant.simulate`."""
         terms = collect(TankTerms, SITE, self.place(effects))
-        values = TankValues(**constants)
+        values = tuple(constants[name] for name in TankConstants.model_fields)
+        upper_outflow, lower_inflow, lower_outflow, pump_gain, reading_offset, _ = values
         columns = np.ascontiguousarray(signals[self.input].T)
         ends = [self.output_scale * each for each in (terms.lowest, terms.highest)]
 
         def run(state: Array, chosen: NDArray[np.int_], samples: int) -> Array:
-            upper, lower = (np.maximum(state[0], 0.0) / values.lower_inflow) ** 2, state[1]
+            upper, lower = (np.maximum(state[0], 0.0) / lower_inflow) ** 2, state[1]
             filled = (
                 _fill(columns[k, :samples], high, low, values, terms, self.output_scale, step_s, self.substeps)
                 for k, high, low in zip(chosen, upper, lower, strict=True)
@@ -188,11 +178,11 @@ class CascadedTanks(RecordPlant):
             return read(np.stack(list(filled), axis=1), terms.unread, *ends)
 
         if begun is None:  # they rest under the first voltage
-            down = values.lower_inflow * values.pump_gain * np.maximum(columns[:, 0], 0.0) / values.upper_outflow
-            state = np.stack([down, (down / values.lower_outflow) ** 2])
+            down = lower_inflow * pump_gain * np.maximum(columns[:, 0], 0.0) / upper_outflow
+            state = np.stack([down, (down / lower_outflow) ** 2])
         else:  # what the lower tank gains and loses ran into it
-            lower = np.maximum(begun.value - values.reading_offset, 0.0)
-            state = np.stack([np.maximum(begun.rate + values.lower_outflow * np.sqrt(lower), 0.0), lower])
+            lower = np.maximum(begun.value - reading_offset, 0.0)
+            state = np.stack([np.maximum(begun.rate + lower_outflow * np.sqrt(lower), 0.0), lower])
         if begun is not None and self.output in signals:
             heads = signals[self.output][:HEAD]
             wide = np.full(state.shape, self.output_scale) / np.array([[self.time_scale_s], [1.0]])

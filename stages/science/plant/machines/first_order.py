@@ -17,8 +17,8 @@ from pydantic import Field, model_validator
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
+from stages.science.plant.filters import read
 from stages.science.plant.linear_guess import filter_derivatives, find_pace, regress
-from stages.science.plant.reading import read
 from stages.science.plant.record_plant import (
     HEAD,
     InitialState,
@@ -120,11 +120,6 @@ class FirstOrder(RecordPlant):
         if low is not None and low <= 0.0:
             raise ValueError(f"time_constant_s: expected low above 0 s, got {low}")
         return self
-
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """The command, pump or pressure."""
-        return (self.input,)
 
     def list_starts(self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]) -> Tries:
         """Return limits of the input; see `list_limits`."""

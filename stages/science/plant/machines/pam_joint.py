@@ -41,11 +41,6 @@ class PamJoint(MotionPlant):
     pressures: list[str] = Field(min_length=2, max_length=2, description="raises the output, lowers it")
     constants: JointConstants
 
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """Both pressures."""
-        return tuple(self.pressures)
-
     def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
         """Return what the muscles bring and hold."""
         raising, lowering = (signals[name] for name in self.pressures)

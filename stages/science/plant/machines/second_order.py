@@ -43,11 +43,6 @@ class Oscillator(MotionPlant):
     input: str
     constants: OscillatorConstants
 
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """The drive."""
-        return (self.input,)
-
     def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
         """Return what the drive brings, the spring, and the damper."""
         omega = 2.0 * np.pi * constants["natural_frequency_hz"]

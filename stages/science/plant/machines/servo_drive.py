@@ -44,11 +44,6 @@ class ServoDrive(MotionPlant):
     force: str
     constants: DriveConstants
 
-    @property
-    def inputs(self) -> tuple[str, ...]:
-        """The force or torque."""
-        return (self.force,)
-
     def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
         """Return force over mass."""
         push = (signals[self.force] + constants["force_offset"]) / constants["mass"]
@@ -83,10 +78,7 @@ class ServoDrive(MotionPlant):
 
 
 def _leave_out_rest(rows: Sequence[Array], outputs: Sequence[Array], skipped: int) -> tuple[list[Array], list[Array]]:
-    """Return columns and accelerations of the samples in which the drive moves: at rest, friction takes up any force.
-
-    Of each record, columns (N_r, C) and filtered place, velocity and acceleration (N_r, 3); filters settle first.
-    """
+    """Return columns and accelerations of samples in which the drive moves: at rest, friction takes up any force."""
     fastest = max(float(np.abs(q[skipped:, 1]).max(initial=0.0)) for q in outputs)
     moves = [(np.abs(q[:, 1]) > MOVING * fastest) & (np.arange(len(q)) >= skipped) for q in outputs]
     if sum(each.sum() for each in moves) < FEWEST_MOVING:
