@@ -54,10 +54,7 @@ MOST_ROWS = 400
 def review(options: argparse.Namespace, console: Console) -> None:
     """Print how runs differ, and write a page of it, with their curves.
 
-    Raises
-    ------
-    PipelineError
-        When names do not mean two runs or more, or the page cannot be written.
+    It raises `PipelineError` where names do not mean two runs or more, or the page cannot be written.
     """
     names = options.runs
     found = Comparison(_choose_runs(options.outputs, names), options.all)

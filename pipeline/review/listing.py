@@ -28,13 +28,7 @@ WORST_FIRST = ("running", "failed", "killed", "paused", "interrupted", "unreadab
 
 
 def review(options: argparse.Namespace, console: Console) -> None:
-    """Print one line per run, and per sweep or each of its jobs.
-
-    Raises
-    ------
-    ConfigError
-        When no run has a key that is asked for.
-    """
+    """Print one line per run, and per sweep or each of its jobs; raise `ConfigError` for a key that no run has."""
     folder = runs_folder(options.outputs)
     if not list_folders(options.outputs):
         say(f"no runs in {folder}; make one with: {command_line([])}", console)

@@ -45,17 +45,9 @@ class Unit:
 
 
 def review(options: argparse.Namespace, console: Console) -> int:
-    """Remove the runs that are neither among the newest nor at work, measured or needed.
+    """Remove the runs that are neither among the newest nor at work, measured or needed; return the exit code.
 
-    Returns
-    -------
-    int
-        Exit code: 0, or 1 where a folder could not be removed.
-
-    Raises
-    ------
-    PipelineError
-        When the outputs folder cannot be read.
+    It is 1 where a folder could not be removed. `PipelineError` says that the outputs folder cannot be read.
     """
 
     def remove(folder: Path, files: Sequence[os.stat_result]) -> None:
@@ -237,13 +229,7 @@ def _walk_texts(value: Any) -> Iterator[str]:
 
 
 def _hide(unit: Unit) -> Path:
-    """Give a unit a name that nothing looks at, and return it.
-
-    Raises
-    ------
-    Timeout
-        When a process has begun to work on it.
-    """
+    """Give a unit a name that nothing looks at; return it, or raise `Timeout` where a process works on it by now."""
     with ExitStack() as locks:
         for ledger in [each for each in unit.ledgers if (each.folder / LOCK_NAME).exists()][:MOST_LOCKS]:
             locks.enter_context(FileLock(ledger.folder / LOCK_NAME, timeout=0))

@@ -44,12 +44,8 @@ MOST_COMMANDS = 5
 def review(options: argparse.Namespace, console: Console) -> None:
     """Print a sweep's jobs, failures and the commands that finish it; write ``sweep.parquet`` and ``sweep.html``.
 
-    The files hold all jobs; options say which rows and columns are printed.
-
-    Raises
-    ------
-    PipelineError
-        When there is no such sweep, or its folder cannot be written.
+    The files hold all jobs; options say which rows and columns are printed. It raises `PipelineError` where there is no
+    such sweep, or its folder cannot be written.
     """
     found = find_sweep(options.outputs, options.sweep)
     say(f"sweep {found.folder}: {format_count(len(found.frame), 'job')} ({_describe_counts(found)})", console)

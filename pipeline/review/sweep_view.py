@@ -118,10 +118,7 @@ class Sweep:
 def find_sweep(outputs: str | Path, name: str) -> Sweep:
     """Return the sweep of a name in the outputs folder, or at a path; ``latest`` is the one that ran last.
 
-    Raises
-    ------
-    ConfigError
-        When there is none, or it has no job.
+    It raises `ConfigError` where there is none, or it has no job.
     """
     place = sweeps_folder(outputs)
     if name == "latest":

@@ -22,7 +22,7 @@ from stages.science.discrepancy.description import (
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DescriptionSettings, DiscrepancySettings
-from stages.science.figures.unexplained import draw_unexplained
+from stages.science.figures.located_gap import draw_unexplained
 from stages.science.plant.machine import Machine
 
 REMAINDER = Table(

@@ -20,7 +20,7 @@ from stages.paper.hyperprior_sensitivity import (
     compare_settings,
     hyperprior_sensitivity,
 )
-from stages.science.figures.sensitivity import draw_sensitivity
+from stages.science.figures.experiments import draw_sensitivity
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.statistics.verdicts import judge
 from tests.composing import compose_values

@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import new_figure
-from stages.science.figures.learning_curves import COLOURS
+from stages.science.figures.canvas import COLOURS, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import new_figure
-from stages.science.figures.learning_curves import AVERAGE, COLOURS, STYLES, begin_panels, finish_panels
+from stages.science.figures.canvas import COLOURS, LINES, new_figure
+from stages.science.figures.learning_curves import AVERAGE, begin_panels, finish_panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -94,7 +94,7 @@ def draw_frequent_references(
                 samples = its[its["muscle"] == muscle]
                 if line == 0:
                     angle.plot(samples["time_s"], samples["joint_angle_rad"], color=ANGLE_COLOUR, linewidth=1.6)
-                colour, style = COLOURS[line % len(COLOURS)], STYLES[line % len(STYLES)]
+                colour, style = COLOURS[line % len(COLOURS)], LINES[line % len(LINES)]
                 commands = samples["pressure_command_kpa"]
                 pressure.plot(samples["time_s"], commands, style, color=colour, linewidth=1.6, label=muscle)
             if position == 0:

@@ -1,4 +1,4 @@
-"""Where the gap lies: by channel and muscle, by regime of motion and time, along signals and over the state plane."""
+"""Where the gap lies: by channel, muscle and regime of motion, along signals, over the state plane; what is left."""
 
 from __future__ import annotations
 
@@ -17,6 +17,7 @@ if TYPE_CHECKING:
 LEFT_OUT = "everywhere"
 NOTHING = 1.01
 """Gap over floor below which shares of the difference say nothing."""
+ABREAST = 4
 LEAST_SCALE = 1.0
 COMPRESSED = ("command_rate",)
 """Signals whose steps are so large that the rest would not be seen on an even scale."""
@@ -160,6 +161,39 @@ def draw_residual_plane(plane: pd.DataFrame) -> Figure:
         axis.set_facecolor("#eef1f4")
     bar = figure.colorbar(dots, ax=panels.ravel().tolist(), shrink=0.7, pad=0.01)
     bar.set_label("measured less simulated, over noise floor (1)")
+    return figure
+
+
+def draw_unexplained(averages: pd.DataFrame) -> Figure:
+    """Draw mean residuals as bars of two standard errors and the process as lines with bands, a panel for each cell.
+
+    Parameters
+    ----------
+    averages : DataFrame
+        Columns channel, muscle, unit, variable, beside, x, mean, error, said and deviation.
+    """
+    cells = list(averages.groupby(["channel", "muscle"], sort=False))
+    columns = min(len(cells), ABREAST)
+    rows = -(-len(cells) // ABREAST)
+    figure, panels = new_figure(max(5.3, 2.65 * columns + 0.6), 3.1 * rows + 0.3, rows, columns)
+    for axis in panels.flat[len(cells) :]:
+        axis.axis("off")
+    for place, (axis, (_, its)) in enumerate(zip(panels.flat, cells, strict=False)):
+        for (beside, line), colour in zip(its.groupby("beside", sort=False), (BEFORE, AFTER), strict=False):
+            bars = {"fmt": "o", "color": colour, "markersize": 3, "elinewidth": 0.9}
+            axis.errorbar(line["x"], line["mean"], 2 * line["error"], **bars)
+            axis.plot(line["x"], line["said"], color=colour, linewidth=1.6, label=str(beside) or None)
+            low, high = line["said"] - 2 * line["deviation"], line["said"] + 2 * line["deviation"]
+            axis.fill_between(line["x"], low, high, color=colour, alpha=0.18, linewidth=0)
+        first = its.iloc[0]
+        axis.axhline(0.0, color=MEASURED, linewidth=0.8)
+        axis.set_title(f"{first['muscle']}: {shorten(first['channel'])}", fontsize=10)
+        axis.set_xlabel(first["variable"], fontsize=9)
+        axis.tick_params(labelsize=8)
+        if place % ABREAST == 0:
+            axis.set_ylabel(f"measured less simulated ({first['unit']})", fontsize=9)
+        if its["beside"].iloc[0]:
+            axis.legend(frameon=False, fontsize=7)
     return figure
 
 

@@ -211,10 +211,7 @@ class OperatorSession:
     def decide(self, word: str, note: str, question: int) -> None:
         """Take the operator's decision on the question of a scene.
 
-        Raises
-        ------
-        Refused
-            When another one is asked by now, it has no such answer, or a page is missing.
+        It raises `Refused` where another one is asked by now, it has no such answer, or a page is missing.
         """
         with self._changed:
             if question != self._question or self._decision is not None:

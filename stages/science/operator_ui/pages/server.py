@@ -100,13 +100,7 @@ class PageServer:
         return f"http://{_in_url(host)}:{self.port}/{role}?token={quote(self._tokens[role])}"
 
     def open(self) -> None:
-        """Show the pages.
-
-        Raises
-        ------
-        RigError
-            When aiohttp is not installed, or the address cannot be taken.
-        """
+        """Show the pages, or raise `RigError` where aiohttp is not installed, or the address cannot be taken."""
         if self._thread is not None:
             return
         try:
