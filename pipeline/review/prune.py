@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import shutil
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,13 +17,13 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import yaml
 from filelock import FileLock, Timeout
 from rich.console import Console
 
 from pipeline.config import find_target
 from pipeline.ledger import Ledger
 from pipeline.printing import format_count
+from pipeline.review.kept import read_yaml
 from pipeline.runs import LOCK_NAME, is_running, list_folders, live_status, runs_folder, sweeps_folder
 from pipeline.sweeps.launch import is_launched
 from pipeline.terminal import complain, say
@@ -199,25 +198,13 @@ def _find_named(
     ledger = Ledger.look(run)
     facts = ledger.facts if ledger else {}
     starts = {os.getcwd(), str(facts.get("directory") or os.getcwd())}
-    for text in {*_walk_texts(facts.get("given")), *_walk_texts(_read_config(run / "config.yaml"))}:
+    for text in {*_walk_texts(facts.get("given")), *_walk_texts(read_yaml(run / "config.yaml"))}:
         parts = Path(text).parts
         pairs = [*pairwise(parts), *(("runs", part) for part in parts)]
         yield from ((text, ends[pair]) for pair in pairs if pair in ends)
         for path in [Path(os.path.normpath(os.path.join(start, text))) for start in starts if text]:
             found = [str(each) for each in (path, *path.parents)] if os.path.lexists(path) else []
             yield from ((text, places[each]) for each in found if each in places)
-
-
-def _read_config(path: Path) -> Any:
-    """Return what a configuration holds; the words of one that is no YAML."""
-    try:
-        content = path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return None
-    try:
-        return yaml.load(content, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except (yaml.YAMLError, RecursionError, ValueError):
-        return re.split(r"[\s'\"]+", content)
 
 
 def _walk_texts(value: Any) -> Iterator[str]:

@@ -21,12 +21,8 @@ SPREAD = 0.24
 def draw_sensitivity(errors: pd.DataFrame, labels: Mapping[tuple[str, float], str]) -> Figure:
     """Draw the error rate after the last trial, by setting.
 
-    Parameters
-    ----------
-    errors : DataFrame
-        Columns kind, setting, experiment, tested_on, before and after (error rates).
-    labels : mapping of (kind, setting) to str
-        The settings in their order, with their names; `STYLES` has the kinds.
+    Columns are kind, setting, experiment, tested_on, before and after (error rates); labels name each kind, one of
+    `STYLES`, and setting, in order.
     """
     panels = list(errors["tested_on"].unique())
     figure, (axes,) = new_figure(5.4 * len(panels) + 0.4, 4.2, 1, len(panels), sharey=True)
@@ -58,12 +54,7 @@ def draw_sensitivity(errors: pd.DataFrame, labels: Mapping[tuple[str, float], st
 def draw_agreement(agreement: pd.DataFrame, utilities: Sequence[str], targets: Sequence[str]) -> Figure:
     """Draw each experiment's regret, averaged over trials, and the mean over experiments with its 95 % interval.
 
-    Parameters
-    ----------
-    agreement : DataFrame
-        Columns participant, experiment, target, utility and regret.
-    utilities, targets : sequence of str
-        Values of those columns, in this order.
+    Columns are participant, experiment, target, utility and regret; utilities and targets are values in their order.
     """
     from scipy.stats import t
 

@@ -72,14 +72,8 @@ def draw_frequent_references(
 ) -> Figure:
     """Draw the trajectories chosen most often: each joint's reference and its muscles' pressure commands.
 
-    Parameters
-    ----------
-    chosen : DataFrame
-        A row for each column of panels: trajectory, share (of the experiments in which it was chosen) and experiments.
-    references : DataFrame
-        Columns trajectory, muscle, time_s, joint_angle_rad and pressure_command_kpa.
-    muscles_of_joint : mapping of str to sequence of str
-        Gives the rows of panels.
+    `chosen` has a row for each column of panels: trajectory, share (of the experiments in which it was chosen) and
+    experiments; references have trajectory, muscle, time_s, joint_angle_rad and pressure_command_kpa.
     """
     heights = [1.0, 1.2] * len(muscles_of_joint)
     sharing = {"sharex": True, "sharey": "row", "height_ratios": heights}
@@ -114,12 +108,8 @@ def draw_frequent_references(
 def draw_reliability(reliability: pd.DataFrame, panels: Sequence[str]) -> Figure:
     """Draw the share of measured forces within each model's 95 % intervals, with its own interval over experiments.
 
-    Parameters
-    ----------
-    reliability : DataFrame
-        Columns tested_on, muscle, trial and, of each model, plain_share, plain_low, plain_high and so on.
-    panels : sequence of str
-        Values of the muscle column, one panel each.
+    Columns are tested_on, muscle (of which those of `panels` have one each), trial and, of each model, plain_share,
+    plain_low, plain_high and so on.
     """
     figure, axes = begin_panels(len(panels), 3.53, 2.9, sharey=True)
     tests = list(reliability["tested_on"].unique())

@@ -79,11 +79,8 @@ def draw_learning_curves(
 def draw_shift_curves(summary: pd.DataFrame) -> Figure:
     """Draw learning curves of replayed experiments, a line for each time shift, a panel for each set of recordings.
 
-    Parameters
-    ----------
-    summary : DataFrame
-        Columns tested_on, amplitude_s (0 = no shift), trial, error_rate_mean and error_rate_sd, in the order of panels
-        and lines.
+    Columns are tested_on, amplitude_s (0 = no shift), trial, error_rate_mean and error_rate_sd, in the order of panels
+    and lines.
     """
     names = {each: f"up to {each:g} s" if each else "none" for each in summary["amplitude_s"].unique()}
     told = summary.assign(line=summary["amplitude_s"].map(names), muscle=summary["tested_on"].map(TITLES))

@@ -27,12 +27,8 @@ TICKS = (-10000.0, -1000.0, -100.0, 0.0, 100.0, 1000.0, 10000.0)
 def draw_gap_bars(channels: pd.DataFrame, smallest_gap: float) -> Figure:
     """Draw the gap of each channel of each muscle over its noise floor, with its upper limit.
 
-    Parameters
-    ----------
-    channels : DataFrame
-        Columns channel, muscle, unit, gap, noise_floor, gap_over_floor and upper.
-    smallest_gap : float
-        Over the floor; below it nothing is missing.
+    The frame has columns channel, muscle, unit, gap, noise_floor, gap_over_floor and upper. Below `smallest_gap` (over
+    the floor) nothing is missing.
     """
     rows = channels.sort_values(["channel", "muscle"], ascending=[False, True]).reset_index(drop=True)
     figure, ((axis,),) = new_figure(10.6, 0.36 * len(rows) + 1.3)
@@ -60,16 +56,8 @@ def draw_gap_bars(channels: pd.DataFrame, smallest_gap: float) -> Figure:
 def draw_gap_map(gap: pd.DataFrame, channels: pd.DataFrame, level: float) -> Figure:
     """Draw each regime's share of the gap above the floor; a dot marks those that trials confirm after correction.
 
-    A ring marks those that do so without it.
-
-    Parameters
-    ----------
-    gap : DataFrame
-        Columns channel, muscle, regime, share_of_time, share_of_gap, p_value and p_adjusted.
-    channels : DataFrame
-        Columns channel, muscle and gap_over_floor.
-    level : float
-        Of significance.
+    A ring marks those that do so without it, at a level of significance. The gap has columns channel, muscle, regime,
+    share_of_time, share_of_gap, p_value and p_adjusted; channels have channel, muscle and gap_over_floor.
     """
     named = list(dict.fromkeys(gap["channel"]))
     sizes = [gap.loc[gap["channel"] == each, "muscle"].nunique() for each in named]
@@ -109,11 +97,8 @@ def _draw_channel(axis: Any, rows: pd.DataFrame, over: pd.Series, level: float) 
 def draw_residual_loops(loops: pd.DataFrame) -> Figure:
     """Draw the mean residual along a signal with two standard errors over trials, apart for the directions of motion.
 
-    Parameters
-    ----------
-    loops : DataFrame
-        Columns channel, muscle, unit, variable, direction, x, mean and error: a row of panels for each channel, a
-        panel for each muscle.
+    The frame has columns channel (a row of panels each), muscle (a panel each), unit, variable, direction, x, mean and
+    error.
     """
     figure, panels = _lay_out(loops, 2.65, 0.6, 2.4)
     for axis, its, channel, muscle in _fill(loops, panels):
@@ -137,11 +122,7 @@ def draw_residual_loops(loops: pd.DataFrame) -> Figure:
 def draw_residual_plane(plane: pd.DataFrame) -> Figure:
     """Draw the mean residual over the noise floor: over contraction and pressure, or over a command and its rate.
 
-    Parameters
-    ----------
-    plane : DataFrame
-        Columns channel, muscle, across, along, x, y and over_floor: a row of panels for each channel, a panel for each
-        muscle.
+    The frame has columns channel (a row of panels each), muscle (a panel each), across, along, x, y and over_floor.
     """
     figure, panels = _lay_out(plane, 2.6, 1.4, 2.5)
     limit = max(LEAST_SCALE, float(np.quantile(plane["over_floor"].abs(), 0.98)))
@@ -167,10 +148,7 @@ def draw_residual_plane(plane: pd.DataFrame) -> Figure:
 def draw_unexplained(averages: pd.DataFrame) -> Figure:
     """Draw mean residuals as bars of two standard errors and the process as lines with bands, a panel for each cell.
 
-    Parameters
-    ----------
-    averages : DataFrame
-        Columns channel, muscle, unit, variable, beside, x, mean, error, said and deviation.
+    The frame has columns channel, muscle, unit, variable, beside, x, mean, error, said and deviation.
     """
     cells = list(averages.groupby(["channel", "muscle"], sort=False))
     columns = min(len(cells), ABREAST)

@@ -21,16 +21,10 @@ MOST_POINTS = 100
 def draw_chosen_trials(
     chosen: pd.DataFrame, references: pd.DataFrame, muscles_of_joint: Mapping[str, Sequence[str]]
 ) -> Figure:
-    """Draw references and pressure commands in the order of the trials.
+    """Draw references and pressure commands in the order of the trials, in panels for each joint and its muscles.
 
-    Parameters
-    ----------
-    chosen : DataFrame
-        One row per trial, with columns trial and trajectory.
-    references : DataFrame
-        Columns trajectory, muscle, time_s, joint_angle_rad and pressure_command_kpa.
-    muscles_of_joint : mapping of str to sequence of str
-        Gives the panels and their order.
+    `chosen` has a row per trial with columns trial and trajectory; references have trajectory, muscle, time_s,
+    joint_angle_rad and pressure_command_kpa.
     """
     panels = []
     for joint, muscles in muscles_of_joint.items():
@@ -52,15 +46,7 @@ def draw_chosen_trials(
 
 
 def draw_protocol(commands: pd.DataFrame, muscles_of_joint: Mapping[str, Sequence[str]]) -> Figure:
-    """Draw pressure commands in the order of the trials, one panel for each joint.
-
-    Parameters
-    ----------
-    commands : DataFrame
-        Columns trial, time_s, muscle and pressure_command_kpa, of one experiment.
-    muscles_of_joint : mapping of str to sequence of str
-        Gives the panels and their lines.
-    """
+    """Draw one experiment's commands (trial, time_s, muscle, pressure_command_kpa), one panel for each joint."""
     trials = list(commands["trial"].unique())
     times, duration_s = _read_times(commands)
     shown = times[:: -(-len(times) // MOST_POINTS)]

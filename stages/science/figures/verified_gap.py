@@ -31,14 +31,10 @@ LEAST_PROBABILITY = 0.005
 
 
 def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
-    """Draw probabilities as bars, and held-out gaps as points beside the gap that there is.
+    """Draw probabilities as bars, and held-out gaps as points beside the gap that there is, most probable ones first.
 
-    Candidates that say nothing are left out; the most probable ones come first.
-
-    Parameters
-    ----------
-    ranking : DataFrame
-        Of one round: columns name, probability, heldout_gap and absorbed.
+    A ranking of one round has columns name, probability, heldout_gap and absorbed; candidates that say nothing are left
+    out.
     """
     always = ranking["name"].isin(["none", "unknown"])
     now = float(ranking.loc[ranking["name"] == "none", "heldout_gap"].iloc[0])
@@ -70,13 +66,8 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
 def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
     """Draw what a named effect adds to the simulation over the residual without it, a panel for each muscle.
 
-    Parameters
-    ----------
-    traced : DataFrame
-        Of one effect: columns effect, channel, muscle, unit, variable, direction, x, measured (drawn with two standard
-        errors), error and added.
-    signature : str
-        What the effect leaves in the residual, in one sentence.
+    `traced`, of one effect, has columns effect, channel, muscle, unit, variable, direction, x, measured (drawn with two
+    standard errors), error and added; the signature says in one sentence what the effect leaves in the residual.
     """
     muscles = list(traced["muscle"].unique())
     first = traced.iloc[0]
@@ -107,10 +98,7 @@ def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
 def draw_gap_waterfall(verification: pd.DataFrame) -> Figure:
     """Draw the gap on verification trials: nominal, what each effect takes away, what is left, and the floor.
 
-    Parameters
-    ----------
-    verification : DataFrame
-        Columns simulation (a panel each), step, label, gap, low and high, in order.
+    The frame has columns simulation (a panel each), step, label, gap, low and high, in order.
     """
     kinds = list(verification["simulation"].unique())
     figure, (panels,) = new_figure(10.6, 3.5, 1, len(kinds), sharey=True)
