@@ -42,12 +42,10 @@ def draw_sensitivity(errors: pd.DataFrame, labels: Mapping[tuple[str, float], st
         axis.tick_params(labelleft=True)
         axis.grid(axis="y", alpha=0.25)
     axes[0].set_ylabel("error rate, average of the muscles (%)")
-    handles = [
-        *axes[0].plot([], [], "o", color="#2b2b2b", markersize=4, label="an experiment after its last trial"),
-        *axes[0].plot([], [], color="#2b2b2b", linewidth=2.2, label="their mean"),
-        *axes[0].plot([], [], ":", color="#2b2b2b", linewidth=1.6, label="their mean before any trial"),
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=3, frameon=False, fontsize=9)
+    axes[0].plot([], [], "o", color="#2b2b2b", markersize=4, label="an experiment after its last trial")
+    axes[0].plot([], [], color="#2b2b2b", linewidth=2.2, label="their mean")
+    axes[0].plot([], [], ":", color="#2b2b2b", linewidth=1.6, label="their mean before any trial")
+    figure.legend(loc="outside lower center", ncols=3, frameon=False, fontsize=9)
     return figure
 
 

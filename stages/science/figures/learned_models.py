@@ -32,17 +32,9 @@ def draw_force_surfaces(
 ) -> Figure:
     """Draw a learned force over two inputs and its standard deviation as filled contours, one row for each section.
 
-    Parameters
-    ----------
-    surfaces : DataFrame
-        Columns section, those of the inputs, mean_n, sd_n and nearest (distance to the nearest sample of the bank), on
-        a regular grid, of one muscle.
-    points : DataFrame
-        Columns of the inputs and trial: what the model stands on.
-    sections : mapping of str to (str, str)
-        Columns of the inputs that vary, horizontally and vertically.
-    near : float
-        Distance beyond which a state is hatched.
+    A section names the columns of the inputs that vary horizontally and vertically. Surfaces, on a regular grid, of one
+    muscle, have columns section, those of the inputs, mean_n, sd_n and nearest (distance to the nearest sample of the
+    bank; states beyond `near` are hatched); the points that the model stands on have those of the inputs and trial.
     """
     figure, axes = new_figure(10.6, 4.0 * len(sections) + 0.4, len(sections), len(PANELS))
     style = {"markerfacecolor": "white", "markeredgecolor": "black", "markersize": 6, "linestyle": "none"}

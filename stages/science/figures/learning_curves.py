@@ -37,13 +37,9 @@ def draw_learning_curves(
     Parameters
     ----------
     summary : DataFrame
-        Columns trial, muscle, error_rate_mean, error_rate_sd and the one named by `by`.
-    lines, panels : sequence of str
-        Values of that column and of the muscle column, a line and a panel each, in this order.
-    by, title : str
-        What tells the lines apart, and what the legend says of it, if anything.
-    styles : sequence of str
-        Line styles, taken in turn.
+        Columns trial, muscle, error_rate_mean, error_rate_sd and the one named by `by`, of which `title` tells.
+    lines, panels, styles : sequence of str
+        Values of that column and of the muscle column, a line and a panel each; line styles, taken in turn.
     apart : float
         Horizontal distance of the lines' points (trials).
     cut : bool
@@ -91,12 +87,8 @@ def draw_shift_curves(summary: pd.DataFrame) -> Figure:
 def draw_error_bars(errors: pd.DataFrame, lines: Sequence[str], groups: Sequence[str]) -> Figure:
     """Draw mean and SD of the error rate on the bank as bars, and the mean on the unseen bank as diamonds.
 
-    Parameters
-    ----------
-    errors : DataFrame
-        Columns line, tested_on, muscle, error_rate_mean and error_rate_sd, one row of each.
-    lines, groups : sequence of str
-        At most five values of the line column, the bars of a group, and values of the muscle column, in this order.
+    Errors have a row for each line (a bar, five at most), tested_on and muscle (a group of bars), with columns
+    error_rate_mean and error_rate_sd.
     """
     figure, ((axis,),) = new_figure(10.6, 4.6)
     width = 0.84 / len(lines)
@@ -124,8 +116,7 @@ def draw_error_bars(errors: pd.DataFrame, lines: Sequence[str], groups: Sequence
 
 def begin_panels(count: int, width: float, height: float, **sharing: bool) -> tuple[Figure, Any]:
     """Return a figure and its panels, up to three abreast, of so many inches each; the last ones may be spare."""
-    columns = min(3, count)
-    rows = -(-count // columns)
+    columns, rows = min(3, count), -(-count // min(3, count))
     figure, axes = new_figure(width * columns, height * rows + 0.4, rows, columns, sharex=True, **sharing)
     return figure, axes.ravel()
 

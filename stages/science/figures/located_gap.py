@@ -9,7 +9,7 @@ import numpy as np
 import pandas as pd
 
 from stages.science.figures.canvas import new_figure
-from stages.science.figures.signal_words import AFTER, BEFORE, DIRECTIONS, MEASURED, STYLES, label, shorten
+from stages.science.figures.signal_words import AFTER, BEFORE, DIRECTIONS, MEASURED, STYLES, label, name_panel, shorten
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -110,9 +110,7 @@ def draw_residual_loops(loops: pd.DataFrame) -> Figure:
             low, high = line["mean"] - 2 * line["error"], line["mean"] + 2 * line["error"]
             axis.fill_between(line["x"], low, high, color=colour, alpha=0.18, linewidth=0)
         axis.axhline(0.0, color=MEASURED, linewidth=0.8)
-        axis.set_title(muscle, fontsize=10)
-        axis.set_xlabel(label(its["variable"].iloc[0]), fontsize=9)
-        axis.tick_params(labelsize=8)
+        name_panel(axis, muscle, label(its["variable"].iloc[0]))
     for axis, (named, unit) in zip(panels[:, 0], loops.groupby("channel", sort=False)["unit"], strict=True):
         axis.set_ylabel(f"{shorten(str(named))}, measured\nless simulated ({unit.iloc[0]})", fontsize=9)
         axis.legend(frameon=False, fontsize=8)
@@ -135,10 +133,8 @@ def draw_residual_plane(plane: pd.DataFrame) -> Figure:
             axis.set_yticks([each for each in TICKS if low <= each <= high], minor=False)
             axis.yaxis.set_major_formatter("{x:g}")
             axis.minorticks_off()
-        axis.set_xlabel(label(its["across"].iloc[0]), fontsize=9)
+        name_panel(axis, f"{shorten(channel)}, {muscle}", label(its["across"].iloc[0]))
         axis.set_ylabel(label(its["along"].iloc[0]), fontsize=9)
-        axis.set_title(f"{shorten(channel)}, {muscle}", fontsize=10)
-        axis.tick_params(labelsize=8)
         axis.set_facecolor("#eef1f4")
     bar = figure.colorbar(dots, ax=panels.ravel().tolist(), shrink=0.7, pad=0.01)
     bar.set_label("measured less simulated, over noise floor (1)")
@@ -151,8 +147,7 @@ def draw_unexplained(averages: pd.DataFrame) -> Figure:
     The frame has columns channel, muscle, unit, variable, beside, x, mean, error, said and deviation.
     """
     cells = list(averages.groupby(["channel", "muscle"], sort=False))
-    columns = min(len(cells), ABREAST)
-    rows = -(-len(cells) // ABREAST)
+    columns, rows = min(len(cells), ABREAST), -(-len(cells) // ABREAST)
     figure, panels = new_figure(max(5.3, 2.65 * columns + 0.6), 3.1 * rows + 0.3, rows, columns)
     for axis in panels.flat[len(cells) :]:
         axis.axis("off")
@@ -165,12 +160,10 @@ def draw_unexplained(averages: pd.DataFrame) -> Figure:
             axis.fill_between(line["x"], low, high, color=colour, alpha=0.18, linewidth=0)
         first = its.iloc[0]
         axis.axhline(0.0, color=MEASURED, linewidth=0.8)
-        axis.set_title(f"{first['muscle']}: {shorten(first['channel'])}", fontsize=10)
-        axis.set_xlabel(first["variable"], fontsize=9)
-        axis.tick_params(labelsize=8)
+        name_panel(axis, f"{first['muscle']}: {shorten(first['channel'])}", first["variable"])
         if place % ABREAST == 0:
             axis.set_ylabel(f"measured less simulated ({first['unit']})", fontsize=9)
-        if its["beside"].iloc[0]:
+        if first["beside"]:
             axis.legend(frameon=False, fontsize=7)
     return figure
 

@@ -36,13 +36,11 @@ def draw_rates(rates: pd.DataFrame) -> Figure:
     axis.set_yticks(range(len(shown)), labels, fontsize=9)
     axis.set(xlabel="share of sessions, or median share of the gap (%)", xlim=(-3, 103))
     axis.grid(axis="x", alpha=0.25)
-    handles = [
-        axis.plot([], [], "o-", color=BLUE, label="target met")[0],
-        axis.plot([], [], "o-", color=RED, label="target missed")[0],
-        axis.plot([], [], "o", color=DARK, markerfacecolor="white", label="a fault, to stay below")[0],
-        axis.plot([], [], "|", color=DARK, markersize=11, markeredgewidth=2.0, label="target")[0],
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    axis.plot([], [], "o-", color=BLUE, label="target met")
+    axis.plot([], [], "o-", color=RED, label="target missed")
+    axis.plot([], [], "o", color=DARK, markerfacecolor="white", label="a fault, to stay below")
+    axis.plot([], [], "|", color=DARK, markersize=11, markeredgewidth=2.0, label="target")
+    figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     return figure
 
 

@@ -18,6 +18,7 @@ from stages.science.figures.signal_words import (
     QUIET,
     STYLES,
     label,
+    name_panel,
     shorten,
     spell,
 )
@@ -82,13 +83,11 @@ def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
             told = f"{spell(first['effect'])}{way}"
             axis.plot(its["x"], its["added"], color=colour, linestyle=style, linewidth=1.8, label=told)
         axis.axhline(0.0, color=MEASURED, linewidth=0.8)
-        axis.set_title(muscle, fontsize=10)
-        axis.set_xlabel(label(first["variable"], first["channel"], first["unit"]), fontsize=9)
-        axis.tick_params(labelsize=8)
+        name_panel(axis, muscle, label(first["variable"], first["channel"], first["unit"]))
     what = f"{shorten(first['channel'])} without it:\nmeasured less simulated ({first['unit']})"
     panels[0].set_ylabel(what, fontsize=9)
-    abreast = 4 if len(panels) > 1 else 2
     handles = panels[0].get_legend_handles_labels()
+    abreast = 4 if len(panels) > 1 else 2
     figure.legend(*handles, loc="outside lower center", ncols=abreast, frameon=False, fontsize=8)
     title = f"{spell(first['effect'])}: {signature}"
     figure.suptitle(fill(title, round(LETTERS_PER_INCH * figure.get_figwidth())), fontsize=10)
@@ -128,8 +127,7 @@ def _draw_falls(axis: Any, rows: pd.DataFrame) -> None:
         if marked is not None:
             _mark(axis, place, marked)
     names = [bar[0] for bar in bars]
-    floors: list[Any] = [*rows[rows["label"] == FLOOR].head(1).itertuples(index=False)]
-    for floor in floors:
+    for floor in rows[rows["label"] == FLOOR].head(1).itertuples(index=False):
         axis.bar(len(names), 100.0 * floor.gap, color="white", edgecolor=MEASURED, hatch="//", width=0.6)
         _mark(axis, len(names), floor)
         axis.axhline(100.0 * floor.gap, color=MEASURED, linewidth=0.9, linestyle=":")
@@ -148,23 +146,15 @@ def _mark(axis: Any, place: int, row: Any) -> None:
 def draw_verified_trials(
     predictions: pd.DataFrame, channel: str, muscles: Sequence[str], trials: Sequence[int]
 ) -> Figure:
-    """Draw the first muscle's channel in each trial, and below it what each muscle's simulations leave of it.
+    """Draw the first muscle's channel in each trial, a column each, and below it each muscle's residuals, a row each.
 
-    Parameters
-    ----------
-    predictions : DataFrame
-        Columns trial, time_s, muscle, channel, measured, before and after.
-    channel : str
-        Which is drawn.
-    muscles, trials : sequence of str, sequence of int
-        A row of residuals for each muscle, a column for each trial.
+    Predictions have columns trial, time_s, muscle, channel, measured, before and after.
     """
     heights = [1.4, *(1.0 for _ in muscles)]
     sharing = {"sharex": "col", "sharey": "row", "gridspec_kw": {"height_ratios": heights}}
     figure, panels = new_figure(10.6, 2.1 + 1.45 * len(muscles), len(heights), len(trials), **sharing)
-    its = predictions[predictions["channel"] == channel]
     for column, trial in enumerate(trials):
-        rows = its[its["trial"] == trial]
+        rows = predictions[(predictions["channel"] == channel) & (predictions["trial"] == trial)]
         top, first = panels[0, column], rows[rows["muscle"] == muscles[0]]
         top.plot(first["time_s"], first["measured"], color=QUIET, linewidth=3.0, label="measured")
         top.plot(first["time_s"], first["before"], "--", color=BEFORE, linewidth=1.1, label="simulated before")

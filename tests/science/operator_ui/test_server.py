@@ -216,7 +216,7 @@ def test_scenes_come_whenever_something_changes(shown, begin, turned):
     (trial,) = begin(shown.session).trials
     proposed = operator.hear_phase("proposed")
     assert proposed["participant_url"] == shown.server.address("participant")
-    assert proposed["choices"] == ["accept", "skip", "pause"]
+    assert (proposed["choices"], proposed["trial"]["trajectory"]) == (["accept", "skip", "pause"], 17)
     assert np.allclose(proposed["trial"]["reference_rad"], trial.reference_rad[::2], atol=1e-4)
     operator.send("decide", word="accept", note="calm", question=proposed["question"])
     for phase, lasts_s in (("countdown", 0.31), ("running", 1.11), ("judging", 0.0)):

@@ -178,9 +178,9 @@ function showFigures() {
   const next = others.length ? others.reduce((best, each) => (each[1] > best[1] ? each : best)) : null;
   drawBars(find("utilities").querySelector("canvas"), utilities, chosen, next?.[0], colours);
   const own = utilities.find(([name]) => name === chosen)?.[1];
-  const told = [own == null ? "" : `proposed: movement ${chosen} (${own.toPrecision(3)})`];
+  const told = own == null ? [] : [`proposed: movement ${chosen} (${own.toPrecision(3)})`];
   if (next) told.push(`skipping it chooses movement ${next[0]} (${next[1].toPrecision(3)}), outlined`);
-  write(find("utilities").querySelector("p"), told.filter(Boolean).join("; "));
+  write(find("utilities").querySelector("p"), told.join("; "));
 }
 
 // strip charts: one column for each joint
@@ -192,10 +192,8 @@ function makePanels() {
       const figure = make("figure");
       const canvas = make("canvas");
       figure.append(make("figcaption", `${joint.name} ${kind.title}`), canvas);
-      const muscles = scene.machine.muscles.flatMap((each, index) =>
-        each.joint === joint.name ? [{ ...each, index }] : [],
-      );
-      return { ...kind, column, muscles, figure, canvas };
+      const muscles = scene.machine.muscles.map((each, index) => ({ ...each, index }));
+      return { ...kind, column, muscles: muscles.filter((each) => each.joint === joint.name), figure, canvas };
     }),
   );
   const area = find("charts");

@@ -27,7 +27,6 @@ import numpy as np
 
 from stages.science.operator_ui.operator_session import ROLES, OperatorSession, Refused
 from stages.science.rig import clock
-from stages.science.rig.attendance import Moment
 from stages.science.rig.contract import RigError
 
 if TYPE_CHECKING:
@@ -88,7 +87,6 @@ class PageServer:
         self._tokens = {role: secrets.token_urlsafe(24) for role in ROLES}
         self._files: dict[str, bytes] = {}
         self._sockets: set[Socket] = set()
-        self._told: dict[str, tuple[int, str]] = {}
         self._encoded: dict[str, tuple[Any, str]] = {}
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -120,11 +118,10 @@ class PageServer:
     def close(self) -> None:
         """Show them no longer; harmless when not open."""
         thread, self._thread = self._thread, None
-        if thread is None or self._loop is None or self._closing is None:
-            return
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._closing.set)
-        thread.join(5.0)
+        if thread and self._loop and self._closing:
+            with contextlib.suppress(RuntimeError):
+                self._loop.call_soon_threadsafe(self._closing.set)
+            thread.join(5.0)
 
     # requests
 
@@ -227,8 +224,9 @@ class PageServer:
     async def _tell(self, page: Socket) -> None:
         """Tell a page what is to be seen until it is closed."""
         try:
-            with contextlib.suppress(ConnectionError):
-                await self._tell_newest(page)
+            await self._tell_newest(page)
+        except ConnectionError:
+            pass
         except Exception:
             await page.connection.close(code=FAILED, message=b"the program failed to tell what is to be seen")
             raise
@@ -241,7 +239,7 @@ class PageServer:
                 answer = page.answers.popleft()
                 if answer["kind"] == "clock":
                     answer["sent_s"] = clock.now_s()
-                await page.connection.send_str(encode(answer))
+                await page.connection.send_str(_encode(answer))
             if self.session.number != number:
                 number, scene = self._tell_scene(page.role)
                 await page.connection.send_str(scene)
@@ -250,7 +248,8 @@ class PageServer:
                 moment = newest
                 if newest is not None:
                     page.on_the_way += 1
-                    await page.connection.send_str(encode(_describe_moment(newest)))
+                    told = {name: np.round(value, 5).tolist() for name, value in newest._asdict().items()}
+                    await page.connection.send_str(_encode({"kind": "moment", **told}))
             if time.monotonic() - asked_s >= BEAT_S:
                 asked_s = time.monotonic()
                 await page.connection.send_str('{"kind":"beat"}')
@@ -259,9 +258,6 @@ class PageServer:
 
     def _tell_scene(self, role: str) -> tuple[int, str]:
         """Return the scene's number and text; what is long in it is written once, as a rig waits for no page."""
-        told = self._told.get(role)
-        if told is not None and told[0] == self.session.number:
-            return told
         scene = {"kind": "scene", **self.session.see()}
         if role == "operator":
             scene["participant_url"] = self.address("participant")
@@ -269,11 +265,10 @@ class PageServer:
         for name, value in scene.items():
             known, text = self._encoded.get(name, (None, ""))
             if not isinstance(value, dict) or known is not value:
-                text = encode(value)
+                text = _encode(value)
                 self._encoded[name] = value, text
             parts.append(f'"{name}":{text}')
-        self._told[role] = scene["number"], "{" + ",".join(parts) + "}"
-        return self._told[role]
+        return scene["number"], "{" + ",".join(parts) + "}"
 
     def _hear(self, page: Socket, text: str) -> None:
         """Take a message of a page, or raise `Malformed` where no page sends such a one."""
@@ -283,9 +278,8 @@ class PageServer:
             message = None
         if not isinstance(message, dict):
             raise Malformed("expected a JSON object")
-        kind = message.get("kind")
+        kind, why = message.get("kind"), message.get("why")
         if kind == "stop":
-            why = message.get("why")
             told = why.strip()[:MOST_CHARACTERS] if isinstance(why, str) else ""
             self.session.stop(told or f"the {page.role} pressed stop")
         elif kind == "seen":
@@ -297,8 +291,15 @@ class PageServer:
                 self._decide(page.role, message)
             except Refused as error:
                 page.answers.append({"kind": "refused", "why": str(error)})
-        elif kind in ("drawn", "pointer") and page.role == "participant":
-            (self._draw if kind == "drawn" else self._point)(message)
+        elif kind == "drawn" and page.role == "participant":
+            self._draw(message)
+        elif kind == "pointer" and page.role == "participant":
+            joints = self.session.see()["machine"].get("joints", [])
+            angles = message.get("angle_rad")
+            if not isinstance(angles, list) or len(angles) != len(joints):
+                raise Malformed(f"pointer: expected {len(joints)} angles")
+            low, high = ([each[end] for each in joints] for end in ("lower_rad", "upper_rad"))
+            self.session.point(np.clip(np.array([*map(_number, angles)]), low, high))
         elif kind != "alive":
             raise Malformed("expected a kind of message that these pages send")
 
@@ -319,10 +320,9 @@ class PageServer:
 
     def _draw(self, message: dict[str, Any]) -> None:
         drawn = message.get("frames")
-        if not isinstance(drawn, list) or len(drawn) > MOST_FRAMES:
-            raise Malformed(f"drawn: expected at most {MOST_FRAMES} frames")
-        if any(not isinstance(each, list) or len(each) != 3 for each in drawn):
-            raise Malformed("drawn: expected three times for each frame")
+        is_list = isinstance(drawn, list) and len(drawn) <= MOST_FRAMES
+        if not is_list or any(not isinstance(each, list) or len(each) != 3 for each in drawn):
+            raise Malformed(f"drawn: expected at most {MOST_FRAMES} frames, three times for each")
         frames = [
             (_number(shown_s), *(math.nan if each is None else _number(each) for each in times))
             for shown_s, *times in drawn
@@ -330,21 +330,8 @@ class PageServer:
         near = [each for each in frames if abs(each[0] - clock.now_s()) < MOST_OFF_S]
         self.session.draw(near, _number(message.get("starts_at_s")))
 
-    def _point(self, message: dict[str, Any]) -> None:
-        joints = self.session.see()["machine"].get("joints", [])
-        angles = message.get("angle_rad")
-        if not isinstance(angles, list) or len(angles) != len(joints):
-            raise Malformed(f"pointer: expected {len(joints)} angles")
-        low, high = ([each[end] for each in joints] for end in ("lower_rad", "upper_rad"))
-        self.session.point(np.clip(np.array([_number(each) for each in angles]), low, high))
 
-
-def _describe_moment(moment: Moment) -> dict[str, Any]:
-    """Return what a page is told of a sample."""
-    return {"kind": "moment", **{name: np.round(value, 5).tolist() for name, value in moment._asdict().items()}}
-
-
-def encode(value: Any) -> str:
+def _encode(value: Any) -> str:
     """Return a value as JSON that browsers read, with null for what is not a finite number."""
     write = partial(json.dumps, separators=(",", ":"), default=lambda each: each.tolist())
     try:
@@ -360,7 +347,6 @@ def _number(value: Any) -> float:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Return a socket that listens."""
     try:
         return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:
