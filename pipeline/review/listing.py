@@ -126,7 +126,6 @@ def _look_up_one(ledger: Ledger, key: str) -> Any:
 
 def _suggest(key: str, ledgers: Sequence[Ledger]) -> str:
     named = [*COLUMNS, *{name for each in ledgers for name in (each.facts.get("metrics") or {})}]
-    sections = {name: section for each in ledgers for name, section in read_slices(each).items()}
-    paths = [path for name, its in sections.items() for path in flatten({name: its})]
+    paths = flatten({name: section for each in ledgers for name, section in read_slices(each).items()})
     offered = suggest(key, [*named, *paths])
     return f"{suggest(key, named)}, or a configuration key" if offered.startswith("choose") else offered

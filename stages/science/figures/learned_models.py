@@ -116,20 +116,11 @@ def draw_reliability(reliability: pd.DataFrame, panels: Sequence[str]) -> Figure
             share = its[f"{model}_share"]
             ends = [(share - its[f"{model}_low"]).fillna(0.0), (its[f"{model}_high"] - share).fillna(0.0)]
             style, described = TESTS[test]
-            axis.errorbar(
-                its["trial"] + step * (position - (len(lines) - 1) / 2),
-                100 * share,
-                100 * np.array(ends),
-                color=colour,
-                marker=marker,
-                linestyle=style,
-                markerfacecolor=colour if style == "-" else "white",
-                markersize=5,
-                linewidth=1.4,
-                elinewidth=0.9,
-                capsize=2,
-                label=f"{model}, {described}",
-            )
+            bars: dict[str, Any] = {"markersize": 5, "linewidth": 1.4, "elinewidth": 0.9, "capsize": 2}
+            bars |= {"color": colour, "marker": marker, "linestyle": style, "label": f"{model}, {described}"}
+            bars["markerfacecolor"] = colour if style == "-" else "white"
+            trial = its["trial"] + step * (position - (len(lines) - 1) / 2)
+            axis.errorbar(trial, 100 * share, 100 * np.array(ends), **bars)
         axis.set(title="average of the muscles" if muscle == AVERAGE else muscle)
         axis.set_xticks(trials)
         axis.tick_params(labelbottom=True, labelleft=True)

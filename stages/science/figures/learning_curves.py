@@ -50,19 +50,12 @@ def draw_learning_curves(
         panel = summary[(summary["muscle"] == muscle) & summary[by].isin(lines)]
         for position, line in enumerate(lines):
             its = panel[panel[by] == line]
-            axis.errorbar(
-                its["trial"] + apart * (position - (len(lines) - 1) / 2),
-                100 * its["error_rate_mean"],
-                100 * its["error_rate_sd"].fillna(0.0) if len(lines) <= MOST_BARS or position == 0 else None,
-                color=COLOURS[position % len(COLOURS)],
-                marker=MARKERS[position % len(MARKERS)],
-                linestyle=styles[position % len(styles)],
-                markersize=3.5,
-                linewidth=1.4,
-                elinewidth=0.8,
-                capsize=2,
-                label=line,
-            )
+            trial = its["trial"] + apart * (position - (len(lines) - 1) / 2)
+            spread = 100 * its["error_rate_sd"].fillna(0.0) if len(lines) <= MOST_BARS or position == 0 else None
+            colour, marker = COLOURS[position % len(COLOURS)], MARKERS[position % len(MARKERS)]
+            bars: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.4, "elinewidth": 0.8, "capsize": 2, "label": line}
+            bars |= {"color": colour, "marker": marker, "linestyle": styles[position % len(styles)]}
+            axis.errorbar(trial, 100 * its["error_rate_mean"], spread, **bars)
         axis.set(title="average of the muscles" if muscle == AVERAGE else muscle, ylabel="error rate (%)")
         axis.set_ylim(0, 115 * panel["error_rate_mean"].max() if cut else None)
         axis.xaxis.get_major_locator().set_params(integer=True)

@@ -65,33 +65,28 @@ def draw_gap_map(gap: pd.DataFrame, channels: pd.DataFrame, level: float) -> Fig
     figure, panels = new_figure(10.6, high, len(named), gridspec_kw={"height_ratios": sizes})
     for axis, channel in zip(panels[:, 0], named, strict=True):
         over = channels[channels["channel"] == channel].set_index("muscle")["gap_over_floor"]
-        image = _draw_channel(axis, gap[gap["channel"] == channel], over, level)
+        rows = gap[(gap["channel"] == channel) & (gap["regime"] != LEFT_OUT)]
+        regimes, muscles = list(dict.fromkeys(rows["regime"])), list(dict.fromkeys(rows["muscle"]))
+        wide = rows.set_index(["muscle", "regime"])
+        shares = wide["share_of_gap"].unstack()[regimes].loc[muscles].to_numpy(dtype=float)
+        shown = 100.0 * np.clip(shares, 0.0, 1.0)
+        image = axis.imshow(shown, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
+        for row, muscle in enumerate(muscles):
+            if over.get(muscle, 1.0) < NOTHING:
+                axis.text(0.5 * (len(regimes) - 1), row, "no gap above the floor", ha="center", va="center", fontsize=8)
+                continue
+            for column, regime in enumerate(regimes):
+                its = wide.loc[(muscle, regime)]
+                mark = " \u25cf" if its["p_adjusted"] <= level else " \u25cb" if its["p_value"] <= level else ""
+                tone = "white" if shown[row, column] > 55.0 else "#2b2b2b"
+                told = f"{shown[row, column]:.0f}{mark}"
+                axis.text(column, row, told, ha="center", va="center", color=tone, fontsize=8)
+        axis.set_xticks(range(len(regimes)), regimes, rotation=35, ha="right", fontsize=8)
+        axis.set_yticks(range(len(muscles)), [f"{each} ({over.get(each, np.nan):.2f})" for each in muscles])
         axis.set_title(f"{shorten(channel)}: muscle (gap over floor) by regime", loc="left", fontsize=10)
     bar = figure.colorbar(image, ax=list(panels[:, 0]), shrink=0.8, pad=0.01)
     bar.set_label("share of the gap\nabove the floor (%)")
     return figure
-
-
-def _draw_channel(axis: Any, rows: pd.DataFrame, over: pd.Series, level: float) -> Any:
-    rows = rows[rows["regime"] != LEFT_OUT]
-    regimes, muscles = list(dict.fromkeys(rows["regime"])), list(dict.fromkeys(rows["muscle"]))
-    wide = rows.set_index(["muscle", "regime"])
-    shares = wide["share_of_gap"].unstack()[regimes].loc[muscles].to_numpy(dtype=float)
-    shown = 100.0 * np.clip(shares, 0.0, 1.0)
-    image = axis.imshow(shown, cmap="Blues", vmin=0.0, vmax=100.0, aspect="auto")
-    for row, muscle in enumerate(muscles):
-        if over.get(muscle, 1.0) < NOTHING:
-            axis.text(0.5 * (len(regimes) - 1), row, "no gap above the floor", ha="center", va="center", fontsize=8)
-            continue
-        for column, regime in enumerate(regimes):
-            its = wide.loc[(muscle, regime)]
-            mark = " \u25cf" if its["p_adjusted"] <= level else " \u25cb" if its["p_value"] <= level else ""
-            tone = "white" if shown[row, column] > 55.0 else "#2b2b2b"
-            told = f"{shown[row, column]:.0f}{mark}"
-            axis.text(column, row, told, ha="center", va="center", color=tone, fontsize=8)
-    axis.set_xticks(range(len(regimes)), regimes, rotation=35, ha="right", fontsize=8)
-    axis.set_yticks(range(len(muscles)), [f"{each} ({over.get(each, np.nan):.2f})" for each in muscles])
-    return image
 
 
 def draw_residual_loops(loops: pd.DataFrame) -> Figure:

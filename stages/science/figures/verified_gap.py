@@ -127,7 +127,8 @@ def _draw_falls(axis: Any, rows: pd.DataFrame) -> None:
         if marked is not None:
             _mark(axis, place, marked)
     names = [bar[0] for bar in bars]
-    for floor in rows[rows["label"] == FLOOR].head(1).itertuples(index=False):
+    floors: list[Any] = [*rows[rows["label"] == FLOOR].head(1).itertuples(index=False)]
+    for floor in floors:
         axis.bar(len(names), 100.0 * floor.gap, color="white", edgecolor=MEASURED, hatch="//", width=0.6)
         _mark(axis, len(names), floor)
         axis.axhline(100.0 * floor.gap, color=MEASURED, linewidth=0.9, linestyle=":")

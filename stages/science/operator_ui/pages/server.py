@@ -320,9 +320,10 @@ class PageServer:
 
     def _draw(self, message: dict[str, Any]) -> None:
         drawn = message.get("frames")
-        is_list = isinstance(drawn, list) and len(drawn) <= MOST_FRAMES
-        if not is_list or any(not isinstance(each, list) or len(each) != 3 for each in drawn):
-            raise Malformed(f"drawn: expected at most {MOST_FRAMES} frames, three times for each")
+        if not isinstance(drawn, list) or len(drawn) > MOST_FRAMES:
+            raise Malformed(f"drawn: expected at most {MOST_FRAMES} frames")
+        if any(not isinstance(each, list) or len(each) != 3 for each in drawn):
+            raise Malformed("drawn: expected three times for each frame")
         frames = [
             (_number(shown_s), *(math.nan if each is None else _number(each) for each in times))
             for shown_s, *times in drawn
