@@ -121,8 +121,7 @@ def make_curves(
 def _make(
     name: str, curve: Curve, ledgers: Sequence[Ledger], groups: Sequence[int], labels: dict[int, str]
 ) -> Curves | None:
-    frames: dict[int, list[pd.DataFrame]] = {}
-    runs: dict[int, list[str]] = {}
+    frames: dict[int, dict[str, pd.DataFrame]] = {}
     seen: set[tuple[int, str]] = set()
     twins = []
     units: dict[str, str] = {}
@@ -135,15 +134,13 @@ def _make(
             twins.append(ledger.name)
             continue
         seen.add((group, kept["sha256"]))
-        frame, units, _ = read
-        frame = _average(frame, curve)
+        frame, units = _average(read[0], curve), read[1]
         if not frame.empty:
-            frames.setdefault(group, []).append(frame)
-            runs.setdefault(group, []).append(ledger.name)
+            frames.setdefault(group, {})[ledger.name] = frame
     lines = [
-        Line(", ".join(each for each in (value, labels[group]) if each) or curve.y, runs[group], points)
+        Line(", ".join(filter(None, (value, labels[group]))) or curve.y, [*found], points)
         for group, found in frames.items()
-        for value, points in _split(pd.concat(found), curve)
+        for value, points in _split(pd.concat(found.values()), curve)
     ]
     if not lines:
         return None

@@ -19,6 +19,7 @@ from typing import Any
 
 from filelock import FileLock, Timeout
 from rich.console import Console
+from rich.filesize import decimal
 
 from pipeline.config import find_target
 from pipeline.ledger import Ledger
@@ -31,7 +32,6 @@ from pipeline.terminal import complain, say
 HIDDEN = ".pruned-"
 MOST_LOCKS = 200
 """Locks that are held at once; a process may open few more files."""
-UNITS = ("bytes", "kB", "MB", "GB", "TB")
 
 
 @dataclass
@@ -113,11 +113,7 @@ def _list_files(folder: Path) -> list[os.stat_result]:
 
 def _size(files: Iterable[os.stat_result]) -> str:
     """Return the bytes of files, each once, as a person reads them."""
-    count = sum({(each.st_dev, each.st_ino): each.st_size for each in files}.values())
-    value, power = float(count), 0
-    while value >= 999.5 and power < len(UNITS) - 1:
-        value, power = value / 1000, power + 1
-    return f"{count} bytes" if not power else f"{value:.3g} {UNITS[power]}"
+    return decimal(sum({(each.st_dev, each.st_ino): each.st_size for each in files}.values()), precision=2)
 
 
 def _find_units(folder: Path, of_jobs: bool) -> list[Unit]:

@@ -117,8 +117,7 @@ def _draw_falls(axis: Any, rows: pd.DataFrame) -> None:
     steps: list[Any] = [*rows[rows["label"] != FLOOR].itertuples(index=False)]
     first, last = steps[0], steps[-1]
     bars: list[tuple[str, float, float, str, Any]] = [("nominal", 0.0, first.gap, BEFORE, first)]
-    for before, after in pairwise(steps):
-        bars.append((spell(str(after.label)), before.gap, after.gap, QUIET, None))
+    bars += [(spell(str(after.label)), before.gap, after.gap, QUIET, None) for before, after in pairwise(steps)]
     if len(steps) > 1:
         bars.append(("left", 0.0, last.gap, AFTER, last))
     for place, (_, one, other, colour, marked) in enumerate(bars):

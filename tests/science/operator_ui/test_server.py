@@ -3,7 +3,6 @@
 import asyncio
 import contextlib
 import itertools
-import sys
 import threading
 import time
 from socket import create_connection
@@ -202,7 +201,7 @@ def test_an_address_that_cannot_be_taken_is_told_in_one_line(shown, host, port, 
 
 
 def test_what_to_install_is_told(monkeypatch):
-    monkeypatch.setitem(sys.modules, "aiohttp", None)
+    monkeypatch.setattr(pages, "web", None)
     with pytest.raises(RigError, match=r'pip install "pamid\[pages\]"'):
         open_pages()
 

@@ -20,7 +20,7 @@ from collections import deque
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
@@ -29,8 +29,10 @@ from stages.science.operator_ui.operator_session import ROLES, OperatorSession, 
 from stages.science.rig import clock
 from stages.science.rig.contract import RigError
 
-if TYPE_CHECKING:
-    from aiohttp import web
+try:
+    from aiohttp import WSMsgType, web
+except ImportError:  # told when pages are opened
+    web = None  # type: ignore[assignment]
 
 TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 SENT_HZ = 60.0
@@ -101,10 +103,8 @@ class PageServer:
         """Show the pages, or raise `RigError` where aiohttp is not installed, or the address cannot be taken."""
         if self._thread is not None:
             return
-        try:
-            import aiohttp  # noqa: F401 (told here rather than by a thread)
-        except ImportError as error:
-            raise RigError('pages need aiohttp, which is not installed; pip install "pamid[pages]"') from error
+        if web is None:
+            raise RigError('pages need aiohttp, which is not installed; pip install "pamid[pages]"')
         self._files = {each.name: each.read_bytes() for each in files(__package__).iterdir() if _type(each.name)}
         listening = _listen(self.host, self.port)
         self.port = listening.getsockname()[1]
@@ -126,8 +126,6 @@ class PageServer:
     # requests
 
     async def _serve(self, listening: socket.socket, opened: threading.Event) -> None:
-        from aiohttp import web
-
         async def protect(request: web.Request, response: web.StreamResponse) -> None:
             response.headers.update(HEADERS)
             with contextlib.suppress(web.HTTPException):
@@ -151,8 +149,6 @@ class PageServer:
 
     def _check(self, request: web.Request) -> None:
         """Refuse what another site asks for, under whatever name it reaches this computer."""
-        from aiohttp import web
-
         here = request.transport.get_extra_info("sockname")[0] if request.transport else ""
         names = {here, *([] if _is(self.host, "is_unspecified") else [self.host])}
         if _is(here, "is_loopback"):
@@ -165,16 +161,12 @@ class PageServer:
             raise web.HTTPForbidden(text="expected a request of these pages themselves, got one of another site\n")
 
     def _check_token(self, request: web.Request, role: str) -> None:
-        from aiohttp import web
-
         given = request.query.get("token", "")
         if not secrets.compare_digest(given.encode(), self._tokens[role].encode()):
             told = f"the {role}'s page opens at the address that the program printed when it began\n"
             raise web.HTTPForbidden(text=told)
 
     async def _send_file(self, request: web.Request) -> web.Response:
-        from aiohttp import web
-
         self._check(request)
         name = request.match_info["name"]
         if name in ROLES:
@@ -188,8 +180,6 @@ class PageServer:
 
     async def _attend(self, request: web.Request) -> web.StreamResponse:
         """Serve one page until it is closed."""
-        from aiohttp import WSMsgType, web
-
         self._check(request)
         role = request.match_info["role"]
         if role not in ROLES:
