@@ -14,11 +14,10 @@ from pipeline.page import Picture
 from pipeline.printing import format_range, shorten
 from pipeline.review.curves import Curves, half_width
 from pipeline.review.selection import order_of, read_number
+from pipeline.review.sweep_view import Sweep
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-
-    from pipeline.review.sweep import Sweep
 
 RESOLUTION = 130
 MOST_AXES = 4

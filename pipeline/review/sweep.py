@@ -1,26 +1,17 @@
-"""A sweep on the terminal, its table and its page: the sweep's folder flows in, text and two files flow out.
-
-Both say which keys vary, what metrics do over them, why jobs failed, and what all jobs have alike.
-"""
+"""A sweep on the terminal, its table and its page: the sweep's folder flows in, text and two files flow out."""
 
 from __future__ import annotations
 
 import argparse
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
-from functools import cached_property
-from pathlib import Path
 from typing import Any
 from urllib.parse import quote
 
-import numpy as np
 import pandas as pd
 from rich.console import Console
 
-from pipeline.command import command_line
-from pipeline.errors import ConfigError, PipelineError, suggest
+from pipeline.errors import PipelineError
 from pipeline.failures import describe_reason, list_commands, list_reasons, read_traceback
-from pipeline.flat import is_seed
 from pipeline.ledger import Ledger
 from pipeline.page import (
     Block,
@@ -32,13 +23,13 @@ from pipeline.page import (
     show_traceback,
     write_page,
 )
-from pipeline.printing import add_unit, format_count, format_value, join_some, print_frame
+from pipeline.printing import format_count, join_some, print_frame
 from pipeline.review.compare import Comparison
 from pipeline.review.kept import list_headlines, list_tables, read_config, read_whole_table
-from pipeline.review.selection import keep_rows, order_of, read_condition, sort_rows
-from pipeline.runs import list_folders, list_ledgers, sweeps_folder
+from pipeline.review.selection import keep_rows, read_condition, sort_rows
+from pipeline.review.sweep_view import Sweep, find_sweep
 from pipeline.sweeps.launch import list_launches
-from pipeline.sweeps.sweep_table import collect_sweep, write_frame
+from pipeline.sweeps.sweep_table import write_frame
 from pipeline.terminal import say
 
 FILE_NAME = "sweep.html"
@@ -48,113 +39,6 @@ MOST_JOBS_WITH_RESULTS = 12
 MOST_ROWS_OF_RESULTS = 12
 MOST_JOBS_OF_A_KIND = 20
 MOST_COMMANDS = 5
-AS_CONFIGURED = "not set"
-
-
-@dataclass(frozen=True)
-class Sweep:
-    """A sweep to look at: its folder, and what `collect_sweep` returns of it."""
-
-    folder: Path
-    frame: pd.DataFrame
-    units: dict[str, str]
-
-    @cached_property
-    def unfinished(self) -> dict[str, str]:
-        """Statuses of jobs that are not done."""
-        left = self.frame[self.frame["status"] != "done"]
-        return dict(zip(left["job"], left["status"], strict=True))
-
-    @property
-    def failed(self) -> dict[str, str]:
-        """Statuses of jobs that something happened to."""
-        return {job: status for job, status in self.unfinished.items() if status not in ("not begun", "running")}
-
-    @property
-    def counts(self) -> dict[str, int]:
-        """Jobs by status."""
-        return {str(status): int(count) for status, count in self.frame["status"].value_counts().items()}
-
-    @property
-    def keys(self) -> list[str]:
-        """What jobs override."""
-        return [*self.frame.loc[:, :"status"].columns[1:-1]]
-
-    @property
-    def metrics(self) -> list[str]:
-        """What jobs measured, by name."""
-        return [*self.frame.loc[:, "status":"wall_s"].columns[1:-1]]
-
-    @cached_property
-    def varying(self) -> dict[str, list[str]]:
-        """Values of each key that varies, in order."""
-        values = {key: sorted({*self.texts(key)}, key=order_of) for key in self.keys}
-        return {key: found for key, found in values.items() if len(found) > 1}
-
-    def texts(self, key: str) -> pd.Series:
-        """Return what each job overrides a key with, as text."""
-        return self.frame[key].where(self.frame[key].notna(), AS_CONFIGURED).astype(str)
-
-    @property
-    def axes(self) -> list[str]:
-        """Keys that vary and are no seed: over them, metrics are looked at."""
-        return [each for each in self.varying if not is_seed(each)]
-
-    @property
-    def seeds(self) -> list[str]:
-        """Keys that vary and only repeat."""
-        return [each for each in self.varying if is_seed(each)]
-
-    @property
-    def alike(self) -> dict[str, str]:
-        """What all jobs have the same, by column."""
-        first = self.frame.iloc[0]
-        return {
-            name: format_value(first[name])
-            for name in [*self.keys, "commit"]
-            if name not in self.varying and not _differs(self.frame[name]) and not pd.isna(first[name])
-        }
-
-    def table(self, everything: bool) -> pd.DataFrame:
-        """Return a row for each job: the columns that vary and those that measure, or all."""
-        if everything:
-            return self.frame
-        telling = [*self.varying, "status", *self.metrics, "wall_s", "peak_memory_mb"]
-        if _differs(self.frame["commit"]):
-            telling.append("commit")
-        if not self.varying or self.frame.duplicated(list(self.varying)).any():
-            telling.insert(0, "job")
-        return self.frame[[each for each in telling if not self.frame[each].isna().all()]]
-
-    def head(self, column: str) -> str:
-        """Return a column's heading with its unit."""
-        return add_unit(column, self.units.get(column, "1"))
-
-    def points(self, metric: str) -> pd.DataFrame:
-        """Return the jobs that have a metric as a number: it as ``value``, and each axis as text."""
-        value = pd.to_numeric(self.frame[metric], errors="coerce").astype(float)
-        found = pd.DataFrame({**{key: self.texts(key) for key in self.varying}, "value": value})
-        return found[np.isfinite(value) & (self.frame["status"] == "done")].reset_index(drop=True)
-
-
-def find_sweep(outputs: str | Path, name: str) -> Sweep:
-    """Return the sweep of a name in the outputs folder, or at a path; ``latest`` is the one that ran last.
-
-    It raises `ConfigError` where there is none, or it has no job.
-    """
-    place = sweeps_folder(outputs)
-    if name == "latest":
-        jobs = [each.folder.parent for each in list_ledgers(outputs) if each.folder.parent.parent == place]
-        name = jobs[0].name if jobs else name
-    folder = next((each for each in (place / name, Path(name)) if name and each.is_dir()), None)
-    if folder is None or folder == place:
-        names = sorted({each.parent.name for each in list_folders(outputs) if each.parent.parent == place})
-        told = suggest(name, [*names, "latest"]) if names else f"make one with: {command_line(['-m', 'seed=0,1'])}"
-        raise ConfigError(f"no sweep '{name}' in {place}, nor a folder of this name; {told}")
-    frame, units = collect_sweep(folder)
-    if {*frame["status"]} <= {"no ledger"}:
-        raise ConfigError(f"{folder} is no sweep: expected a folder with a folder for each job, each with a run.json")
-    return Sweep(folder, frame, units)
 
 
 def review(options: argparse.Namespace, console: Console) -> None:
@@ -325,7 +209,3 @@ def _show_differences(sweep: Sweep, ledgers: Sequence[Ledger]) -> list[Block]:
     note = "Keys of the configuration that stages read and in which jobs differ, beyond what the command says; then "
     note += "code, libraries and machines."
     return [("note", note), ("grid", make_grid(rows)) if len(rows) else ("note", "None.")]
-
-
-def _differs(values: pd.Series) -> bool:
-    return len(set(values.fillna("").astype(str))) > 1
