@@ -48,20 +48,9 @@ class Section(NamedTuple):
 def write_page(
     path: Path, title: str, heading: str, lead: str, status: str, opening: Sequence[Block], sections: Sequence[Section]
 ) -> None:
-    """Write a page.
+    """Write a page: the browser's tab has the `title`, the `lead` is the line below the heading.
 
-    Parameters
-    ----------
-    path : Path
-        The file.
-    title, heading, lead : str
-        Of the browser's tab, of the page, and the line below.
-    status : str
-        Marked as good if it is ``done``; empty for none.
-    opening : sequence of Block
-        What stands before all sections.
-    sections : sequence of Section
-        Those without blocks are left out.
+    The status is marked as good if it is ``done``, and empty for none; sections without blocks are left out.
     """
     template = _environment().get_template("page.html.j2")
     shown = [each for each in sections if each.blocks]
@@ -100,14 +89,7 @@ def make_grid(
 ) -> dict[str, Any]:
     """Return a frame, short enough to be shown whole, as the templates show it.
 
-    Parameters
-    ----------
-    frame : DataFrame
-        What is shown.
-    units, meanings : mapping, optional
-        Of columns that have one.
-    links : sequence of str
-        For each row where its first cell leads; empty for nowhere.
+    Units and meanings are those of columns that have one; links say for each row where its first cell leads, if not "".
     """
     units, meanings = units or {}, meanings or {}
     names = [str(each) for each in frame.columns]

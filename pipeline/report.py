@@ -48,14 +48,8 @@ ROWS_SHOWN_AT_ONCE = 8
 def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: str | None = None) -> Path:
     """Write report.html into a run's folder, also of a run that did not get to its end; return its path.
 
-    Parameters
-    ----------
-    ledger, study : Ledger, Study
-        Of the run.
-    stages : sequence of Stage
-        All stages of the workflow; of a run that failed, those up to the one that did are told.
-    status : str, optional
-        How the run ended, where its ledger does not say so yet.
+    Of all stages of the workflow, those up to the one that failed, if one did, are told. `status` says how the run
+    ended, where its ledger does not say so yet.
     """
     status = status or ledger.status
     names, last = [each.name for each in stages], (ledger.facts["error"] or {}).get("stage")

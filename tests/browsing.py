@@ -31,3 +31,18 @@ class Look:
         self.page.on("request", lambda request: self.asked.append(request.url))
         self.page.on("console", lambda message: self.complaints.append(message.text))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
+
+    def find_beyond(self, side, shown):
+        """What lies, of the elements that a selector finds, beyond the page in x, to the left or right, or in y."""
+        return self.page.evaluate(
+            """([side, shown]) => {
+                const [begins, ends, scroll, inner] = side === "x"
+                    ? ["left", "right", "scrollWidth", innerWidth] : ["top", "bottom", "scrollHeight", innerHeight];
+                const beyond = [...document.querySelectorAll(shown)].filter(each => {
+                    const box = each.getBoundingClientRect();
+                    return each.checkVisibility() && (box[begins] < -0.5 || box[ends] > inner + 0.5 || !box.width);
+                }).map(each => each.outerHTML.slice(0, 80));
+                return document.documentElement[scroll] > inner ? [`page is larger in ${side}`, ...beyond] : beyond;
+            }""",
+            [side, shown],
+        )

@@ -54,10 +54,7 @@ MOST_ROWS = 400
 def review(options: argparse.Namespace, console: Console) -> None:
     """Print how runs differ, and write a page of it, with their curves.
 
-    Raises
-    ------
-    PipelineError
-        When names do not mean two runs or more, or the page cannot be written.
+    It raises `PipelineError` where names do not mean two runs or more, or the page cannot be written.
     """
     names = options.runs
     found = Comparison(_choose_runs(options.outputs, names), options.all)
@@ -132,16 +129,10 @@ class Difference(NamedTuple):
 
 @dataclass(frozen=True)
 class Comparison:
-    """Runs beside each other, in the order in which they were named.
+    """Runs beside each other, in the order in which they were named: what differs, or `everything`.
 
-    Parameters
-    ----------
-    everything : bool
-        Whether what is the same in all is listed too.
-    most : int
-        Runs up to which each has a column; of more, values are counted.
-    whole : bool
-        Whether the whole configuration is looked at, or what the stages read.
+    Up to `most` runs, each has a column; of more, values are counted. Of the configuration, all is looked at (`whole`),
+    or what the stages read.
     """
 
     ledgers: tuple[Ledger, ...]
@@ -153,9 +144,8 @@ class Comparison:
     def labels(self) -> list[str]:
         """What each run is called in headings: its name, or a number where names are long."""
         names = [each.name for each in self.ledgers]
-        if max(map(len, names)) <= LONGEST_NAME:
-            return names
-        return [f"run {number}" for number, _ in enumerate(names, 1)]
+        short = max(map(len, names)) <= LONGEST_NAME
+        return names if short else [f"run {number}" for number, _ in enumerate(names, 1)]
 
     @cached_property
     def nested(self) -> list[dict[str, Any]]:
@@ -182,8 +172,8 @@ class Comparison:
 
     def configuration(self) -> pd.DataFrame:
         """Return the keys that differ, of those that say what is computed."""
-        keys = self._keys(self.flat)
-        return self._across("key", self.flat, [] if self.everything else [*filter(is_incidental, keys)])
+        hidden = [] if self.everything else [*filter(is_incidental, self._keys(self.flat))]
+        return self._across("key", self.flat, hidden)
 
     def surroundings(self) -> pd.DataFrame:
         """Return how code, libraries and machines differ."""

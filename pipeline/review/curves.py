@@ -30,16 +30,9 @@ CONFIDENCE = 0.95
 
 
 class Line(NamedTuple):
-    """One series of a curve.
+    """One series of a curve: what tells it from the others, the runs that it is made of, and its points.
 
-    Parameters
-    ----------
-    label : str
-        What tells it from the others.
-    runs : list of str
-        That it is made of.
-    points : DataFrame
-        Columns ``x``, ``mean``, ``half`` (half of the 95 % interval; nan where nothing repeats) and ``n``.
+    These have columns ``x``, ``mean``, ``half`` (half of the 95 % interval; nan where nothing repeats) and ``n``.
     """
 
     label: str
@@ -86,14 +79,9 @@ def _name_groups(configs: Sequence[Mapping[str, str]], groups: Sequence[int]) ->
 def make_curves(
     ledgers: Sequence[Ledger], nested: Sequence[Mapping[str, Any]], flat: Sequence[Mapping[str, str]]
 ) -> tuple[list[Curves], list[str]]:
-    """Return the curves that the runs' workflows declare and some run holds, and why another is not there.
+    """Return the curves that the workflows of runs, given with their configurations, declare and some run holds.
 
-    Parameters
-    ----------
-    ledgers : sequence of Ledger
-        The runs.
-    nested, flat : sequence of mapping
-        Their configurations.
+    Returned, too, is why another one is not there.
     """
     from pydantic import ValidationError
 
@@ -133,8 +121,7 @@ def make_curves(
 def _make(
     name: str, curve: Curve, ledgers: Sequence[Ledger], groups: Sequence[int], labels: dict[int, str]
 ) -> Curves | None:
-    frames: dict[int, list[pd.DataFrame]] = {}
-    runs: dict[int, list[str]] = {}
+    frames: dict[int, dict[str, pd.DataFrame]] = {}
     seen: set[tuple[int, str]] = set()
     twins = []
     units: dict[str, str] = {}
@@ -147,15 +134,13 @@ def _make(
             twins.append(ledger.name)
             continue
         seen.add((group, kept["sha256"]))
-        frame, units, _ = read
-        frame = _average(frame, curve)
+        frame, units = _average(read[0], curve), read[1]
         if not frame.empty:
-            frames.setdefault(group, []).append(frame)
-            runs.setdefault(group, []).append(ledger.name)
+            frames.setdefault(group, {})[ledger.name] = frame
     lines = [
-        Line(", ".join(each for each in (value, labels[group]) if each) or curve.y, runs[group], points)
+        Line(", ".join(filter(None, (value, labels[group]))) or curve.y, [*found], points)
         for group, found in frames.items()
-        for value, points in _split(pd.concat(found), curve)
+        for value, points in _split(pd.concat(found.values()), curve)
     ]
     if not lines:
         return None

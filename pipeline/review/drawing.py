@@ -40,11 +40,10 @@ def draw_curves(curves: Curves) -> Picture:
     figure, axes = _new_figure(6.0, 3.7 + 0.19 * rows)
     for index, line in enumerate(lines):
         points = line.points
-        colour = COLOURS[index % len(COLOURS)]
         x, mean, half = (points[each].to_numpy() for each in ("x", "mean", "half"))
+        colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
         axes.fill_between(x, mean - half, mean + half, color=colour, alpha=0.16, lw=0)
         style = STYLES[(index // len(COLOURS)) % len(STYLES)]
-        marker = MARKERS[index % len(MARKERS)]
         label = _shorten_label(line.label, LONGEST_LINE_LABEL)
         every = max(1, len(x) // 15)
         axes.plot(x, mean, style, color=colour, marker=marker, ms=4.5, markevery=every, lw=1.6, label=label)
@@ -58,21 +57,18 @@ def draw_curves(curves: Curves) -> Picture:
 
 def draw_metrics(sweep: Sweep) -> Iterator[tuple[str, list[Picture], str]]:
     """Yield each metric's heading, its pictures, and why it has none, or not all."""
+    left = sweep.axes[MOST_AXES:]
     for metric in sweep.metrics:
-        points = sweep.points(metric)
+        points, head = sweep.points(metric), sweep.head(metric)
         if len(points) < 2:
-            yield sweep.head(metric), [], f"{len(points) or 'no'} job that is done has it as a number: nothing to draw"
-            continue
-        left = sweep.axes[MOST_AXES:]
-        if not sweep.varying:
-            yield sweep.head(metric), [], "no key varies"
-            continue
-        told = f"not drawn over {', '.join(left)}" if left else ""
-        yield sweep.head(metric), list(_draw_metric(sweep, metric, points)), told
+            yield head, [], f"{len(points) or 'no'} job that is done has it as a number: nothing to draw"
+        elif not sweep.varying:
+            yield head, [], "no key varies"
+        else:
+            yield head, [*_draw_metric(sweep, head, points)], f"not drawn over {', '.join(left)}" if left else ""
 
 
-def _draw_metric(sweep: Sweep, metric: str, points: pd.DataFrame) -> Iterator[Picture]:
-    head = sweep.head(metric)
+def _draw_metric(sweep: Sweep, head: str, points: pd.DataFrame) -> Iterator[Picture]:
     axes = [each for each in sweep.axes if len(set(points[each])) > 1][:MOST_AXES]
     if not axes:
         points, axes = points.assign(jobs="all"), ["jobs"]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 from typing import Any
 
@@ -14,14 +15,21 @@ from pipeline.renames import rename
 
 def read_config(folder: Path) -> dict[str, Any]:
     """Return a run's whole configuration; empty where it is not there or cannot be read."""
+    found = read_yaml(folder / "config.yaml")
+    return rename(found) if isinstance(found, dict) else {}
+
+
+def read_yaml(path: Path) -> Any:
+    """Return what a file holds; the words of one that is no YAML, None for one that is not there."""
     import yaml
 
-    loader = getattr(yaml, "CSafeLoader", yaml.SafeLoader)
     try:
-        found = yaml.load((folder / "config.yaml").read_text(encoding="utf-8"), loader)
-    except (OSError, ValueError, yaml.YAMLError):
-        return {}
-    return rename(found) if isinstance(found, dict) else {}
+        content = path.read_text(encoding="utf-8", errors="replace")
+        return yaml.load(content, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
+    except OSError:
+        return None
+    except (yaml.YAMLError, RecursionError, ValueError):
+        return re.split(r"[\s'\"]+", content)
 
 
 def read_slices(ledger: Ledger) -> dict[str, Any]:

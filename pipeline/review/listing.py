@@ -28,13 +28,7 @@ WORST_FIRST = ("running", "failed", "killed", "paused", "interrupted", "unreadab
 
 
 def review(options: argparse.Namespace, console: Console) -> None:
-    """Print one line per run, and per sweep or each of its jobs.
-
-    Raises
-    ------
-    ConfigError
-        When no run has a key that is asked for.
-    """
+    """Print one line per run, and per sweep or each of its jobs; raise `ConfigError` for a key that no run has."""
     folder = runs_folder(options.outputs)
     if not list_folders(options.outputs):
         say(f"no runs in {folder}; make one with: {command_line([])}", console)
@@ -132,7 +126,6 @@ def _look_up_one(ledger: Ledger, key: str) -> Any:
 
 def _suggest(key: str, ledgers: Sequence[Ledger]) -> str:
     named = [*COLUMNS, *{name for each in ledgers for name in (each.facts.get("metrics") or {})}]
-    sections = {name: section for each in ledgers for name, section in read_slices(each).items()}
-    paths = [path for name, its in sections.items() for path in flatten({name: its})]
+    paths = flatten({name: section for each in ledgers for name, section in read_slices(each).items()})
     offered = suggest(key, [*named, *paths])
     return f"{suggest(key, named)}, or a configuration key" if offered.startswith("choose") else offered

@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import argparse
 import os
-import re
 import shutil
 from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -18,13 +17,14 @@ from itertools import pairwise
 from pathlib import Path
 from typing import Any
 
-import yaml
 from filelock import FileLock, Timeout
 from rich.console import Console
+from rich.filesize import decimal
 
 from pipeline.config import find_target
 from pipeline.ledger import Ledger
 from pipeline.printing import format_count
+from pipeline.review.kept import read_yaml
 from pipeline.runs import LOCK_NAME, is_running, list_folders, live_status, runs_folder, sweeps_folder
 from pipeline.sweeps.launch import is_launched
 from pipeline.terminal import complain, say
@@ -32,7 +32,6 @@ from pipeline.terminal import complain, say
 HIDDEN = ".pruned-"
 MOST_LOCKS = 200
 """Locks that are held at once; a process may open few more files."""
-UNITS = ("bytes", "kB", "MB", "GB", "TB")
 
 
 @dataclass
@@ -45,17 +44,9 @@ class Unit:
 
 
 def review(options: argparse.Namespace, console: Console) -> int:
-    """Remove the runs that are neither among the newest nor at work, measured or needed.
+    """Remove the runs that are neither among the newest nor at work, measured or needed; return the exit code.
 
-    Returns
-    -------
-    int
-        Exit code: 0, or 1 where a folder could not be removed.
-
-    Raises
-    ------
-    PipelineError
-        When the outputs folder cannot be read.
+    It is 1 where a folder could not be removed. `PipelineError` says that the outputs folder cannot be read.
     """
 
     def remove(folder: Path, files: Sequence[os.stat_result]) -> None:
@@ -122,11 +113,7 @@ def _list_files(folder: Path) -> list[os.stat_result]:
 
 def _size(files: Iterable[os.stat_result]) -> str:
     """Return the bytes of files, each once, as a person reads them."""
-    count = sum({(each.st_dev, each.st_ino): each.st_size for each in files}.values())
-    value, power = float(count), 0
-    while value >= 999.5 and power < len(UNITS) - 1:
-        value, power = value / 1000, power + 1
-    return f"{count} bytes" if not power else f"{value:.3g} {UNITS[power]}"
+    return decimal(sum({(each.st_dev, each.st_ino): each.st_size for each in files}.values()), precision=2)
 
 
 def _find_units(folder: Path, of_jobs: bool) -> list[Unit]:
@@ -207,25 +194,13 @@ def _find_named(
     ledger = Ledger.look(run)
     facts = ledger.facts if ledger else {}
     starts = {os.getcwd(), str(facts.get("directory") or os.getcwd())}
-    for text in {*_walk_texts(facts.get("given")), *_walk_texts(_read_config(run / "config.yaml"))}:
+    for text in {*_walk_texts(facts.get("given")), *_walk_texts(read_yaml(run / "config.yaml"))}:
         parts = Path(text).parts
         pairs = [*pairwise(parts), *(("runs", part) for part in parts)]
         yield from ((text, ends[pair]) for pair in pairs if pair in ends)
         for path in [Path(os.path.normpath(os.path.join(start, text))) for start in starts if text]:
             found = [str(each) for each in (path, *path.parents)] if os.path.lexists(path) else []
             yield from ((text, places[each]) for each in found if each in places)
-
-
-def _read_config(path: Path) -> Any:
-    """Return what a configuration holds; the words of one that is no YAML."""
-    try:
-        content = path.read_text(encoding="utf-8", errors="replace")
-    except OSError:
-        return None
-    try:
-        return yaml.load(content, Loader=getattr(yaml, "CSafeLoader", yaml.SafeLoader))
-    except (yaml.YAMLError, RecursionError, ValueError):
-        return re.split(r"[\s'\"]+", content)
 
 
 def _walk_texts(value: Any) -> Iterator[str]:
@@ -237,13 +212,7 @@ def _walk_texts(value: Any) -> Iterator[str]:
 
 
 def _hide(unit: Unit) -> Path:
-    """Give a unit a name that nothing looks at, and return it.
-
-    Raises
-    ------
-    Timeout
-        When a process has begun to work on it.
-    """
+    """Give a unit a name that nothing looks at; return it, or raise `Timeout` where a process works on it by now."""
     with ExitStack() as locks:
         for ledger in [each for each in unit.ledgers if (each.folder / LOCK_NAME).exists()][:MOST_LOCKS]:
             locks.enter_context(FileLock(ledger.folder / LOCK_NAME, timeout=0))

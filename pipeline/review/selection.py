@@ -36,31 +36,18 @@ class Condition(NamedTuple):
 
 
 def read_condition(text: str) -> Condition:
-    """Return what ``KEY=VALUE`` and the like ask for.
-
-    Raises
-    ------
-    ConfigError
-        When it is no condition, or asks whether something that is no number is more or less.
-    """
+    """Return what ``KEY=VALUE`` and the like ask for, or raise `ConfigError` where it is no condition."""
     found = SIGNS.search(text)
     if found is None or found.start() == 0:
         raise ConfigError(f"--where {text}: expected KEY=VALUE, KEY!=VALUE, KEY~TEXT, or 'KEY<NUMBER' and the like")
-    sign = "=" if found.group() == "==" else found.group()
-    condition = Condition(text[: found.start()].strip(), sign, text[found.end() :].strip())
-    if condition.sign[0] in "<>" and read_number(condition.value) is None:
-        raise ConfigError(f"--where {text}: expected a number after {condition.sign}, got '{condition.value}'")
-    return condition
+    sign, value = found.group().replace("==", "="), text[found.end() :].strip()
+    if sign[0] in "<>" and read_number(value) is None:
+        raise ConfigError(f"--where {text}: expected a number after {sign}, got '{value}'")
+    return Condition(text[: found.start()].strip(), sign, value)
 
 
 def keep_rows(frame: pd.DataFrame, conditions: Iterable[Condition]) -> pd.DataFrame:
-    """Return the rows that fulfil all conditions.
-
-    Raises
-    ------
-    ConfigError
-        When a condition is about no column.
-    """
+    """Return the rows that fulfil all conditions, or raise `ConfigError` where one is about no column."""
     for each in conditions:
         _check_key("--where", each.key, frame)
         frame = frame[[each.holds(value) for value in frame[each.key]]]
@@ -70,10 +57,7 @@ def keep_rows(frame: pd.DataFrame, conditions: Iterable[Condition]) -> pd.DataFr
 def sort_rows(frame: pd.DataFrame, by: str | None) -> pd.DataFrame:
     """Return the rows in the order of a column, largest first where ``-`` stands before it, missing values last.
 
-    Raises
-    ------
-    ConfigError
-        When there is no such column.
+    It raises `ConfigError` where there is no such column.
     """
     if by is None:
         return frame

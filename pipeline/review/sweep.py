@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import argparse
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -44,12 +44,8 @@ MOST_COMMANDS = 5
 def review(options: argparse.Namespace, console: Console) -> None:
     """Print a sweep's jobs, failures and the commands that finish it; write ``sweep.parquet`` and ``sweep.html``.
 
-    The files hold all jobs; options say which rows and columns are printed.
-
-    Raises
-    ------
-    PipelineError
-        When there is no such sweep, or its folder cannot be written.
+    The files hold all jobs; options say which rows and columns are printed. It raises `PipelineError` where there is no
+    such sweep, or its folder cannot be written.
     """
     found = find_sweep(options.outputs, options.sweep)
     say(f"sweep {found.folder}: {format_count(len(found.frame), 'job')} ({_describe_counts(found)})", console)
@@ -60,8 +56,14 @@ def review(options: argparse.Namespace, console: Console) -> None:
     if options.all:
         table = table.drop(columns="error")
     print_frame("Jobs", table.rename(columns=found.head), console, options.rows, "--rows")
-    for line in _describe_failures(found):
+    for line in list_reasons(found.folder, found.failed):
         say(line, console)
+    left = len(found.unfinished)
+    for command, count in list_commands(found.folder, found.unfinished):
+        say(f"{_describe_unfinished(count, found)}; to finish, type: {command}", console)
+        left -= count
+    if left:
+        say(f"{_describe_unfinished(left, found)}, and nothing says by which command", console)
     try:
         say(f"table: {write_frame(found.folder, found.frame, found.units)}", console)
         _write_page(found)
@@ -71,16 +73,6 @@ def review(options: argparse.Namespace, console: Console) -> None:
             "are as they are; make the folder writable, or copy it to where it is"
         ) from None
     say(f"page: {found.folder / FILE_NAME}", console)
-
-
-def _describe_failures(found: Sweep) -> Iterator[str]:
-    yield from list_reasons(found.folder, found.failed)
-    left = len(found.unfinished)
-    for command, count in list_commands(found.folder, found.unfinished):
-        yield f"{_describe_unfinished(count, found)}; to finish, type: {command}"
-        left -= count
-    if left:
-        yield f"{_describe_unfinished(left, found)}, and nothing says by which command"
 
 
 def _describe_unfinished(count: int, found: Sweep) -> str:

@@ -1,7 +1,4 @@
-"""What a sweep shows: which of its keys vary, what its metrics do over them, why jobs failed.
-
-A sweep's table flows in; out flow its axes, the numbers behind a figure of each metric, and what all jobs have alike.
-"""
+"""What a sweep shows: which keys vary, what metrics do over them, which jobs failed, and what all have alike."""
 
 from __future__ import annotations
 
@@ -25,7 +22,7 @@ AS_CONFIGURED = "not set"
 
 @dataclass(frozen=True)
 class Sweep:
-    """A sweep to look at: its folder, and what `pipeline.sweeps.sweep_table.collect_sweep` returns of it."""
+    """A sweep to look at: its folder, and what `collect_sweep` returns of it."""
 
     folder: Path
     frame: pd.DataFrame
@@ -34,12 +31,12 @@ class Sweep:
     @cached_property
     def unfinished(self) -> dict[str, str]:
         """Statuses of jobs that are not done."""
-        statuses = zip(self.frame["job"], self.frame["status"], strict=True)
-        return {job: status for job, status in statuses if status != "done"}
+        left = self.frame[self.frame["status"] != "done"]
+        return dict(zip(left["job"], left["status"], strict=True))
 
     @property
     def failed(self) -> dict[str, str]:
-        """Of these, of jobs that something happened to."""
+        """Statuses of jobs that something happened to."""
         return {job: status for job, status in self.unfinished.items() if status not in ("not begun", "running")}
 
     @property
@@ -50,24 +47,18 @@ class Sweep:
     @property
     def keys(self) -> list[str]:
         """What jobs override."""
-        names = [str(each) for each in self.frame.columns]
-        return names[1 : names.index("status")]
+        return [*self.frame.loc[:, :"status"].columns[1:-1]]
 
     @property
     def metrics(self) -> list[str]:
         """What jobs measured, by name."""
-        names = [str(each) for each in self.frame.columns]
-        return names[names.index("status") + 1 : names.index("wall_s")]
+        return [*self.frame.loc[:, "status":"wall_s"].columns[1:-1]]
 
     @cached_property
     def varying(self) -> dict[str, list[str]]:
         """Values of each key that varies, in order."""
-        found = {}
-        for key in self.keys:
-            present = set(self.texts(key))
-            if len(present) > 1:
-                found[key] = sorted(present, key=order_of)
-        return found
+        values = {key: sorted({*self.texts(key)}, key=order_of) for key in self.keys}
+        return {key: found for key, found in values.items() if len(found) > 1}
 
     def texts(self, key: str) -> pd.Series:
         """Return what each job overrides a key with, as text."""
@@ -118,10 +109,7 @@ class Sweep:
 def find_sweep(outputs: str | Path, name: str) -> Sweep:
     """Return the sweep of a name in the outputs folder, or at a path; ``latest`` is the one that ran last.
 
-    Raises
-    ------
-    ConfigError
-        When there is none, or it has no job.
+    It raises `ConfigError` where there is none, or it has no job.
     """
     place = sweeps_folder(outputs)
     if name == "latest":

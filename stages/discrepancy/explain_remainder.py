@@ -16,7 +16,7 @@ from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.description import Description, average_dependence, describe_above_floor, tabulate
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DescriptionSettings, DiscrepancySettings
-from stages.science.figures.unexplained import draw_unexplained
+from stages.science.figures.located_gap import draw_unexplained
 from stages.science.plant.machine import Machine
 
 REMAINDER = Table(

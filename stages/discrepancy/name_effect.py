@@ -22,7 +22,7 @@ from stages.science.discrepancy.ranking import list_named, list_steps, rank_firs
 from stages.science.discrepancy.restoring import NominalTables, restore_states
 from stages.science.discrepancy.search import search
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.figures.candidate_ranking import draw_candidate_ranking
+from stages.science.figures.verified_gap import draw_candidate_ranking
 from stages.science.plant.machine import Machine
 
 RANKING = Table(

@@ -24,7 +24,7 @@ from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.figures.chosen_trials import draw_chosen_trials
+from stages.science.figures.trial_commands import draw_chosen_trials
 from stages.science.gp.interaction import Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.muscle_models.description import describe_choice, describe_models

@@ -25,8 +25,8 @@ from pipeline.context import Context
 from pipeline.errors import WiringError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.figures.error_bars import draw_error_bars
-from stages.science.figures.learning_curves import STYLES, draw_learning_curves
+from stages.science.figures.canvas import LINES
+from stages.science.figures.learning_curves import draw_error_bars, draw_learning_curves
 from stages.science.gp.marginal import MarginalGP, fit
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
@@ -317,7 +317,7 @@ def draw(ctx: Context, design: pd.DataFrame, curve: pd.DataFrame, arm: str, musc
     ctx.figure(
         "learning_curves_baselines",
         draw_learning_curves(
-            told[told["tested_on"] == "bank"], [ours, linear], panels, "line", None, STYLES, apart=0.0, cut=True
+            told[told["tested_on"] == "bank"], [ours, linear], panels, "line", None, LINES, apart=0.0, cut=True
         ),
         "Error rate (RMSE over the largest force of the test data) after each designed trial, and of the linear law "
         f"after each trial of the protocol in which nobody moves, tested on the bank: {spread} (cut where large).",

@@ -21,7 +21,7 @@ from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.figures.sensitivity import draw_sensitivity
+from stages.science.figures.experiments import draw_sensitivity
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, ForceTest, average_muscles
 from stages.science.muscle_models.loop_settings import LoopSettings, Movements

@@ -16,7 +16,7 @@ from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.figures.protocol_commands import draw_protocol
+from stages.science.figures.trial_commands import draw_protocol
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS
 from stages.science.rig.excitation import RigWithLimits, check_levels

@@ -20,7 +20,7 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.figures.utility_agreement import draw_agreement
+from stages.science.figures.experiments import draw_agreement
 from stages.science.gp.marginal import condition
 from stages.science.gp.mutual_information import Information, draw_models, path_information, point_information
 from stages.science.gp.scoring import trajectory_utility

@@ -14,8 +14,8 @@ from pipeline.context import Context
 from pipeline.errors import WiringError
 from stages.paper import baselines as module
 from stages.paper.baselines import Baselines, Config, baselines, compare_baselines, count_points, fit_law, predict_law
-from stages.science.figures.error_bars import draw_error_bars
-from stages.science.figures.learning_curves import STYLES, draw_learning_curves
+from stages.science.figures.canvas import LINES
+from stages.science.figures.learning_curves import draw_error_bars, draw_learning_curves
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 from tests.planted import assert_holm
 from tests.science.muscle_models.data import HYPERPARAMETERS
@@ -339,7 +339,7 @@ def test_curves_have_a_panel_for_each_muscle_and_two_lines(generator):
     frame = trials.merge(pd.DataFrame({"muscle": ["mean", "pam1"]}), how="cross")
     frame = frame.assign(error_rate_mean=generator.uniform(0.01, 0.1, len(frame)), error_rate_sd=0.01)
     lines, panels = ["design", "baseline"], ["mean", "pam1"]
-    axes = draw_learning_curves(frame, lines, panels, "line", None, STYLES, apart=0.0, cut=True).axes
+    axes = draw_learning_curves(frame, lines, panels, "line", None, LINES, apart=0.0, cut=True).axes
     assert [axis.get_title() for axis in axes[:2]] == ["average of the muscles", "pam1"]
     design, baseline = (container.lines[0] for container in axes[1].containers)
     assert list(design.get_xdata()) == [0, 1, 2]

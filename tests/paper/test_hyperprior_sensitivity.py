@@ -12,7 +12,7 @@ from statsmodels.stats.weightstats import ttost_ind, ttost_paired
 from pipeline.context import Context
 from stages.paper import hyperprior_sensitivity as module
 from stages.paper.hyperprior_sensitivity import add_average, change_prior, compare_settings
-from stages.science.figures.sensitivity import draw_sensitivity
+from stages.science.figures.experiments import draw_sensitivity
 from stages.science.gp.hyperprior import Hyperprior
 from tests.planted import assert_holm
 from tests.science.muscle_models.data import HYPERPARAMETERS, LOOP, MUSCLES, make_bank, make_tables

@@ -1,7 +1,5 @@
 """Pages as a browser shows them: on a wide screen and on a phone, with nothing asked for elsewhere."""
 
-from pathlib import Path
-
 import pytest
 
 from tests import browsing
@@ -30,33 +28,21 @@ def pages(browser, tmp_path_factory):
     return {"sweep": sweep, "comparison": comparison, "report": report, "failure": failure}
 
 
-class Look(browsing.Look):
-    """A page opened without network."""
-
-    def __init__(self, browser, path: Path):
-        super().__init__(browser, WIDTHS["wide"], offline=True)
-        self.page.goto(path.as_uri())
-
-    def cells(self, column: int) -> list[str]:
-        """Return what is shown of a column of the table that can be sorted."""
-        return self.page.locator(f"table.sortable tbody tr:visible td:nth-child({column + 1})").all_inner_texts()
+def open_page(browser, path):
+    """Return a page opened without network."""
+    look = browsing.Look(browser, WIDTHS["wide"], offline=True)
+    look.page.goto(path.as_uri())
+    return look
 
 
 @pytest.mark.parametrize("kind", ["sweep", "comparison", "report", "failure"])
 def test_page_stands_alone_and_fits(pages, browser, kind):
-    look = Look(browser, pages[kind])
+    look = open_page(browser, pages[kind])
     assert {each for each in look.asked if not each.startswith("data:")} == {pages[kind].as_uri()}
     assert look.page.title() != "taken"
     for across, down in WIDTHS.values():
         look.page.set_viewport_size({"width": across, "height": down})
-        assert look.page.evaluate("document.documentElement.scrollWidth") <= across
-        beyond = look.page.evaluate(
-            """[...document.querySelectorAll("h1, h2, h3, p, dd, li, img, pre, .scroll, .failure")].filter(each => {
-                const box = each.getBoundingClientRect();
-                return each.checkVisibility() && (box.left < 0 || box.right > innerWidth || box.width === 0);
-            }).map(each => each.outerHTML.slice(0, 80))"""
-        )
-        assert beyond == []
+        assert look.find_beyond("x", "h1, h2, h3, p, dd, li, img, pre, .scroll, .failure") == []
     pictures = look.page.evaluate("[...document.images].map(each => [each.naturalWidth > 0, each.alt !== ''])")
     assert all(drawn and told for drawn, told in pictures)
     assert bool(pictures) == (kind != "failure")
@@ -70,24 +56,27 @@ def test_a_request_to_elsewhere_is_refused(pages, browser, tmp_path):
     """The page's own rules, and not the lack of network, keep it to itself."""
     page = tmp_path / "page.html"
     page.write_text(pages["report"].read_text().replace("</body>", f'<img src="{(tmp_path / "x").as_uri()}"></body>'))
-    look = Look(browser, page)
+    look = open_page(browser, page)
     assert any("Content Security Policy" in each for each in look.complaints)
 
 
 def test_jobs_are_sorted_and_filtered_and_lead_to_their_reports(pages, browser):
-    look = Look(browser, pages["sweep"])
+    def cells(column):
+        return look.page.locator(f"table.sortable tbody tr:visible td:nth-child({column + 1})").all_inner_texts()
+
+    look = open_page(browser, pages["sweep"])
     heads = look.page.locator("table.sortable thead th").all_inner_texts()
     score = heads.index("score_m (m)")
     button = look.page.locator("table.sortable thead button").nth(score)
     button.click()
-    rising = look.cells(score)
+    rising = cells(score)
     numbers = [float(each) for each in rising[:4]]
     assert numbers == sorted(numbers)
     assert rising[4:] == ["-", "-"]
     button.click()
-    assert look.cells(score) == [*reversed(rising[:4]), "-", "-"]
+    assert cells(score) == [*reversed(rising[:4]), "-", "-"]
     look.page.get_by_role("searchbox").fill("failed count=9")
-    assert len(look.cells(0)) == 1
+    assert len(cells(0)) == 1
     assert look.page.get_by_text("1 of 6 rows").is_visible()
     look.page.locator("table.sortable tbody a:visible").click()
     look.page.wait_for_url("**/report.html")

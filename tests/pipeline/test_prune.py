@@ -19,6 +19,13 @@ def prune(command, keep, *more, **how):
     return result.stdout
 
 
+def amend(run):
+    """Return a document of a run that is an option of the configuration."""
+    option = run / "documents" / "amended.yaml"
+    option.write_text("count: 3\nlabel: amended\nspoil: null\n")
+    return option
+
+
 def told_of(told, folder):
     (line,) = (each for each in told.splitlines() if f"{folder}  " in each)
     return line
@@ -143,9 +150,7 @@ def test_what_a_kept_run_needs_stays_and_what_that_needs(done, tmp_path):
     scales = Command(done.outputs, *CONFIG, "workflow=scales")
     (base,) = done.runs
     done("counting.label=unneeded")
-    option = base / "documents" / "amended.yaml"
-    option.write_text("count: 3\nlabel: amended\nspoil: null\n")
-    done(f"counting={os.path.relpath(option, ROOT)}")
+    done(f"counting={os.path.relpath(amend(base), ROOT)}")
     middle = done.runs[-1]
     scales(f"weighing.what={middle}/tables")
     last = scales.runs[-1]
@@ -165,9 +170,8 @@ def test_what_a_kept_run_needs_stays_and_what_that_needs(done, tmp_path):
 
 def test_a_path_that_counts_from_within_a_run_is_understood(done):
     base = done.runs[-1]
-    (base / "documents" / "amended.yaml").write_text("count: 3\nlabel: amended\nspoil: null\n")
     within = Command(done.outputs, "--config-dir", str(ROOT / "tests/pipeline/conf"), "workflow=toy")
-    within.root = base / "documents"
+    within.root = amend(base).parent
     assert within("counting=amended.yaml").returncode == 0
     assert "which names amended.yaml" in told_of(prune(done, 1), base)
     assert len(done.runs) == 2
@@ -223,17 +227,6 @@ def test_links_are_not_followed_and_read_only_files_go(done, tmp_path):
     assert (elsewhere / "run.json").exists()
 
 
-def test_what_cannot_be_read_is_left_alone(done):
-    (run,) = done.runs
-    (run / "run.json").write_text("{}")
-    (run.parent / "mine").mkdir()
-    (run.parent / "note.txt").touch()
-    before = snapshot(run.parent)
-    reason = "has no run.json that can be read; look at it, and remove it by hand"
-    assert reason in told_of(prune(done, 0), run)
-    assert snapshot(run.parent) == before
-
-
 def die_at_the_second_folder():
     """Have a process end, as if it was killed, when it has removed one folder."""
     remove, count = os.rmdir, iter(range(2))
@@ -256,7 +249,7 @@ def test_killed_in_between_leaves_what_the_next_one_clears_up(many):
     assert many.runs[:3] == others
 
 
-def test_a_folder_that_cannot_be_removed_is_told(done):
+def test_a_folder_that_cannot_be_removed_or_read_is_left_alone(done):
     (run,) = done.runs
     run.parent.chmod(0o555)
     result = done.review("prune", "--keep", "0", before=obey_permissions)
@@ -266,6 +259,13 @@ def test_a_folder_that_cannot_be_removed_is_told(done):
     assert f"cannot remove {run} (Permission denied); make {run.parent} writable" in line
     assert "0 folders removed, 0 bytes freed" in result.stdout
     check_wholeness(run)
+    (run / "run.json").write_text("{}")
+    (run.parent / "mine").mkdir()
+    (run.parent / "note.txt").touch()
+    before = snapshot(run.parent)
+    reason = "has no run.json that can be read; look at it, and remove it by hand"
+    assert reason in told_of(prune(done, 0), run)
+    assert snapshot(run.parent) == before
 
 
 @pytest.mark.parametrize(
@@ -281,12 +281,11 @@ def test_bad_input_is_refused(toy, arguments, told):
     result = toy.review(*arguments)
     assert result.returncode == 2
     assert told in result.stderr.splitlines()[-1]
-    assert not toy.outputs.exists()
-
-
-def test_outputs_that_are_not_there_or_no_folder(toy):
     assert "0 folders removed" in prune(toy, 1)
     assert not toy.outputs.exists()
+
+
+def test_outputs_that_are_no_folder(toy):
     toy.outputs.write_text("a letter")
     result = toy.review("prune", "--keep", "1")
     assert (result.returncode, len(result.stderr.splitlines())) == (2, 1)

@@ -1,4 +1,4 @@
-"""What figures are drawn on: a size and a number of panels flow in, a matplotlib figure with its panels flows out."""
+"""What figures are drawn on and with: a size and a number of panels flow in, a matplotlib figure flows out."""
 
 from __future__ import annotations
 
@@ -6,6 +6,9 @@ from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+COLOURS = ("#c1272d", "#3b6fb6", "#6b7480", "#d08a1d", "#4b8f5a", "#8059a5", "#2b2b2b")
+LINES = ("-", "--", "-.", ":")
 
 
 def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **how: Any) -> tuple[Figure, Any]:

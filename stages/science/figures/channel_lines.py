@@ -7,8 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import new_figure
-from stages.science.figures.learning_curves import COLOURS
+from stages.science.figures.canvas import COLOURS, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -17,12 +16,8 @@ if TYPE_CHECKING:
 def draw_channel_lines(points: pd.DataFrame, lines: pd.DataFrame) -> Figure:
     """Draw the channels of one kind: counts over known values above, residuals below.
 
-    Parameters
-    ----------
-    points : DataFrame
-        Columns channel, known (in the channel's unit), count and problem.
-    lines : DataFrame
-        Columns channel, unit, status, per_count, zero_count and sign, one row for each panel.
+    Points have columns channel, known (in the channel's unit), count and problem; lines, one for each panel, have
+    channel, unit, status, per_count, zero_count and sign.
     """
     sharing = {"sharex": "col", "height_ratios": (2, 1)}
     figure, (above, below) = new_figure(max(2.9 * len(lines), 4.2), 4.6, 2, len(lines), **sharing)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import new_figure
-from stages.science.figures.learning_curves import AVERAGE, COLOURS, STYLES, begin_panels, finish_panels
+from stages.science.figures.canvas import COLOURS, LINES, new_figure
+from stages.science.figures.learning_curves import AVERAGE, begin_panels, finish_panels
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -32,17 +32,9 @@ def draw_force_surfaces(
 ) -> Figure:
     """Draw a learned force over two inputs and its standard deviation as filled contours, one row for each section.
 
-    Parameters
-    ----------
-    surfaces : DataFrame
-        Columns section, those of the inputs, mean_n, sd_n and nearest (distance to the nearest sample of the bank), on
-        a regular grid, of one muscle.
-    points : DataFrame
-        Columns of the inputs and trial: what the model stands on.
-    sections : mapping of str to (str, str)
-        Columns of the inputs that vary, horizontally and vertically.
-    near : float
-        Distance beyond which a state is hatched.
+    A section names the columns of the inputs that vary horizontally and vertically. Surfaces, on a regular grid, of one
+    muscle, have columns section, those of the inputs, mean_n, sd_n and nearest (distance to the nearest sample of the
+    bank; states beyond `near` are hatched); the points that the model stands on have those of the inputs and trial.
     """
     figure, axes = new_figure(10.6, 4.0 * len(sections) + 0.4, len(sections), len(PANELS))
     style = {"markerfacecolor": "white", "markeredgecolor": "black", "markersize": 6, "linestyle": "none"}
@@ -72,14 +64,8 @@ def draw_frequent_references(
 ) -> Figure:
     """Draw the trajectories chosen most often: each joint's reference and its muscles' pressure commands.
 
-    Parameters
-    ----------
-    chosen : DataFrame
-        A row for each column of panels: trajectory, share (of the experiments in which it was chosen) and experiments.
-    references : DataFrame
-        Columns trajectory, muscle, time_s, joint_angle_rad and pressure_command_kpa.
-    muscles_of_joint : mapping of str to sequence of str
-        Gives the rows of panels.
+    `chosen` has a row for each column of panels: trajectory, share (of the experiments in which it was chosen) and
+    experiments; references have trajectory, muscle, time_s, joint_angle_rad and pressure_command_kpa.
     """
     heights = [1.0, 1.2] * len(muscles_of_joint)
     sharing = {"sharex": True, "sharey": "row", "height_ratios": heights}
@@ -94,7 +80,7 @@ def draw_frequent_references(
                 samples = its[its["muscle"] == muscle]
                 if line == 0:
                     angle.plot(samples["time_s"], samples["joint_angle_rad"], color=ANGLE_COLOUR, linewidth=1.6)
-                colour, style = COLOURS[line % len(COLOURS)], STYLES[line % len(STYLES)]
+                colour, style = COLOURS[line % len(COLOURS)], LINES[line % len(LINES)]
                 commands = samples["pressure_command_kpa"]
                 pressure.plot(samples["time_s"], commands, style, color=colour, linewidth=1.6, label=muscle)
             if position == 0:
@@ -114,12 +100,8 @@ def draw_frequent_references(
 def draw_reliability(reliability: pd.DataFrame, panels: Sequence[str]) -> Figure:
     """Draw the share of measured forces within each model's 95 % intervals, with its own interval over experiments.
 
-    Parameters
-    ----------
-    reliability : DataFrame
-        Columns tested_on, muscle, trial and, of each model, plain_share, plain_low, plain_high and so on.
-    panels : sequence of str
-        Values of the muscle column, one panel each.
+    Columns are tested_on, muscle (of which those of `panels` have one each), trial and, of each model, plain_share,
+    plain_low, plain_high and so on.
     """
     figure, axes = begin_panels(len(panels), 3.53, 2.9, sharey=True)
     tests = list(reliability["tested_on"].unique())
@@ -134,20 +116,11 @@ def draw_reliability(reliability: pd.DataFrame, panels: Sequence[str]) -> Figure
             share = its[f"{model}_share"]
             ends = [(share - its[f"{model}_low"]).fillna(0.0), (its[f"{model}_high"] - share).fillna(0.0)]
             style, described = TESTS[test]
-            axis.errorbar(
-                its["trial"] + step * (position - (len(lines) - 1) / 2),
-                100 * share,
-                100 * np.array(ends),
-                color=colour,
-                marker=marker,
-                linestyle=style,
-                markerfacecolor=colour if style == "-" else "white",
-                markersize=5,
-                linewidth=1.4,
-                elinewidth=0.9,
-                capsize=2,
-                label=f"{model}, {described}",
-            )
+            bars: dict[str, Any] = {"markersize": 5, "linewidth": 1.4, "elinewidth": 0.9, "capsize": 2}
+            bars |= {"color": colour, "marker": marker, "linestyle": style, "label": f"{model}, {described}"}
+            bars["markerfacecolor"] = colour if style == "-" else "white"
+            trial = its["trial"] + step * (position - (len(lines) - 1) / 2)
+            axis.errorbar(trial, 100 * share, 100 * np.array(ends), **bars)
         axis.set(title="average of the muscles" if muscle == AVERAGE else muscle)
         axis.set_xticks(trials)
         axis.tick_params(labelbottom=True, labelleft=True)

@@ -1,23 +1,24 @@
-"""Learning curves: error rate over trials, one panel for each muscle and one for their average."""
+"""Error rates of each muscle and of their average: over trials, and in the end for each way of identifying."""
 
 from __future__ import annotations
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import new_figure
+from stages.science.figures.canvas import COLOURS, LINES, new_figure
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 AVERAGE = "mean"
-COLOURS = ("#c1272d", "#3b6fb6", "#6b7480", "#d08a1d", "#4b8f5a", "#8059a5", "#2b2b2b")
 MOST_BARS = 4
 """Lines beyond which only the first has bars: more would hide each other."""
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
-STYLES = ("-", "--", "-.", ":")
+BARS = (("#c1272d", ""), ("#6b7480", ""), ("#3b6fb6", "//"), ("#ffffff", "\\\\"), ("#e0b45c", "..."))
+INK = "#2b2b2b"
 TITLES = {"bank": "tested on the bank", "unseen_bank": "tested on an unseen bank"}
 
 
@@ -36,13 +37,9 @@ def draw_learning_curves(
     Parameters
     ----------
     summary : DataFrame
-        Columns trial, muscle, error_rate_mean, error_rate_sd and the one named by `by`.
-    lines, panels : sequence of str
-        Values of that column and of the muscle column, a line and a panel each, in this order.
-    by, title : str
-        What tells the lines apart, and what the legend says of it, if anything.
-    styles : sequence of str
-        Line styles, taken in turn.
+        Columns trial, muscle, error_rate_mean, error_rate_sd and the one named by `by`, of which `title` tells.
+    lines, panels, styles : sequence of str
+        Values of that column and of the muscle column, a line and a panel each; line styles, taken in turn.
     apart : float
         Horizontal distance of the lines' points (trials).
     cut : bool
@@ -53,19 +50,12 @@ def draw_learning_curves(
         panel = summary[(summary["muscle"] == muscle) & summary[by].isin(lines)]
         for position, line in enumerate(lines):
             its = panel[panel[by] == line]
-            axis.errorbar(
-                its["trial"] + apart * (position - (len(lines) - 1) / 2),
-                100 * its["error_rate_mean"],
-                100 * its["error_rate_sd"].fillna(0.0) if len(lines) <= MOST_BARS or position == 0 else None,
-                color=COLOURS[position % len(COLOURS)],
-                marker=MARKERS[position % len(MARKERS)],
-                linestyle=styles[position % len(styles)],
-                markersize=3.5,
-                linewidth=1.4,
-                elinewidth=0.8,
-                capsize=2,
-                label=line,
-            )
+            trial = its["trial"] + apart * (position - (len(lines) - 1) / 2)
+            spread = 100 * its["error_rate_sd"].fillna(0.0) if len(lines) <= MOST_BARS or position == 0 else None
+            colour, marker = COLOURS[position % len(COLOURS)], MARKERS[position % len(MARKERS)]
+            bars: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.4, "elinewidth": 0.8, "capsize": 2, "label": line}
+            bars |= {"color": colour, "marker": marker, "linestyle": styles[position % len(styles)]}
+            axis.errorbar(trial, 100 * its["error_rate_mean"], spread, **bars)
         axis.set(title="average of the muscles" if muscle == AVERAGE else muscle, ylabel="error rate (%)")
         axis.set_ylim(0, 115 * panel["error_rate_mean"].max() if cut else None)
         axis.xaxis.get_major_locator().set_params(integer=True)
@@ -78,22 +68,48 @@ def draw_learning_curves(
 def draw_shift_curves(summary: pd.DataFrame) -> Figure:
     """Draw learning curves of replayed experiments, a line for each time shift, a panel for each set of recordings.
 
-    Parameters
-    ----------
-    summary : DataFrame
-        Columns tested_on, amplitude_s (0 = no shift), trial, error_rate_mean and error_rate_sd, in the order of panels
-        and lines.
+    Columns are tested_on, amplitude_s (0 = no shift), trial, error_rate_mean and error_rate_sd, in the order of panels
+    and lines.
     """
     names = {each: f"up to {each:g} s" if each else "none" for each in summary["amplitude_s"].unique()}
     told = summary.assign(line=summary["amplitude_s"].map(names), muscle=summary["tested_on"].map(TITLES))
     panels = list(told["muscle"].unique())
-    return draw_learning_curves(told, list(names.values()), panels, "line", "time shift", STYLES, apart=0.12)
+    return draw_learning_curves(told, list(names.values()), panels, "line", "time shift", LINES, apart=0.12)
+
+
+def draw_error_bars(errors: pd.DataFrame, lines: Sequence[str], groups: Sequence[str]) -> Figure:
+    """Draw mean and SD of the error rate on the bank as bars, and the mean on the unseen bank as diamonds.
+
+    Errors have a row for each line (a bar, five at most), tested_on and muscle (a group of bars), with columns
+    error_rate_mean and error_rate_sd.
+    """
+    figure, ((axis,),) = new_figure(10.6, 4.6)
+    width = 0.84 / len(lines)
+    at = np.arange(len(groups))
+    wide = 100 * errors.set_index(["tested_on", "muscle", "line"])[["error_rate_mean", "error_rate_sd"]].unstack("line")
+    means, spread = wide["error_rate_mean"], wide["error_rate_sd"].fillna(0.0)
+    handles: list[Any] = []
+    places = []
+    for position, (line, (colour, hatch)) in enumerate(zip(lines, BARS, strict=False)):
+        places.append(at + (position - (len(lines) - 1) / 2) * width)
+        mean, sd = (found.loc["bank"].loc[list(groups), line] for found in (means, spread))
+        bar = {"color": colour, "hatch": hatch, "edgecolor": INK, "linewidth": 0.6, "label": line}
+        handles.append(axis.bar(places[-1], mean, width, yerr=sd, error_kw={"elinewidth": 0.9, "capsize": 2}, **bar))
+    if "unseen_bank" in means.index:
+        unseen = means.loc["unseen_bank"].loc[list(groups), list(lines)].to_numpy().T.ravel()
+        mark = {"color": "white", "markeredgecolor": INK, "markersize": 4.5, "zorder": 3}
+        handles += axis.plot(np.ravel(places), unseen, "D", label="tested on the unseen bank", **mark)
+    axis.set_xticks(at, ["average of\nthe muscles" if name == AVERAGE else name for name in groups])
+    axis.set(ylabel="error rate (%)", ylim=(0, None))
+    axis.grid(axis="y", alpha=0.25)
+    axis.set_axisbelow(True)
+    figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
+    return figure
 
 
 def begin_panels(count: int, width: float, height: float, **sharing: bool) -> tuple[Figure, Any]:
     """Return a figure and its panels, up to three abreast, of so many inches each; the last ones may be spare."""
-    columns = min(3, count)
-    rows = -(-count // columns)
+    columns, rows = min(3, count), -(-count // min(3, count))
     figure, axes = new_figure(width * columns, height * rows + 0.4, rows, columns, sharex=True, **sharing)
     return figure, axes.ravel()
 

@@ -19,10 +19,7 @@ UNNAMED = {"no_discrepancy": "(nothing)", "unexplained": "(unexplained)"}
 def draw_rates(rates: pd.DataFrame) -> Figure:
     """Draw each share or median with its interval and its target.
 
-    Parameters
-    ----------
-    rates : DataFrame
-        Columns measure, magnitude, n, value, low, high, target, at_most and met; rows without sessions are left out.
+    Columns are measure, magnitude, n, value, low, high, target, at_most and met; rows without sessions are left out.
     """
     shown = rates[rates["n"] > 0].iloc[::-1].reset_index(drop=True)
     figure, ((axis,),) = new_figure(8.6, 1.3 + 0.3 * len(shown))
@@ -39,24 +36,16 @@ def draw_rates(rates: pd.DataFrame) -> Figure:
     axis.set_yticks(range(len(shown)), labels, fontsize=9)
     axis.set(xlabel="share of sessions, or median share of the gap (%)", xlim=(-3, 103))
     axis.grid(axis="x", alpha=0.25)
-    handles = [
-        axis.plot([], [], "o-", color=BLUE, label="target met")[0],
-        axis.plot([], [], "o-", color=RED, label="target missed")[0],
-        axis.plot([], [], "o", color=DARK, markerfacecolor="white", label="a fault, to stay below")[0],
-        axis.plot([], [], "|", color=DARK, markersize=11, markeredgewidth=2.0, label="target")[0],
-    ]
-    figure.legend(handles=handles, loc="outside lower center", ncols=4, frameon=False, fontsize=9)
+    axis.plot([], [], "o-", color=BLUE, label="target met")
+    axis.plot([], [], "o-", color=RED, label="target missed")
+    axis.plot([], [], "o", color=DARK, markerfacecolor="white", label="a fault, to stay below")
+    axis.plot([], [], "|", color=DARK, markersize=11, markeredgewidth=2.0, label="target")
+    figure.legend(loc="outside lower center", ncols=4, frameon=False, fontsize=9)
     return figure
 
 
 def draw_confusion(sessions: pd.DataFrame) -> Figure:
-    """Draw what was said first, by what was hidden.
-
-    Parameters
-    ----------
-    sessions : DataFrame
-        Columns kind, hidden, named and status; names joined by +, in the order added.
-    """
+    """Draw what was said first, by what was hidden: columns hidden, named (names joined by +, as added) and status."""
     first = sessions["named"].str.split("+").str[0]
     said = first.where(first != "", sessions["status"].map(UNNAMED)).str.replace("_", " ")
     hidden = sessions["hidden"].where(sessions["hidden"] != "", "(nothing)").str.replace("_", " ")
@@ -80,10 +69,7 @@ def draw_confusion(sessions: pd.DataFrame) -> Figure:
 def draw_reliability_of_names(reliability: pd.DataFrame) -> Figure:
     """Draw the share of right names against the mean probability that was said.
 
-    Parameters
-    ----------
-    reliability : DataFrame
-        Columns said, right, low, high and n; bins without names are left out.
+    Columns are said, right, low, high and n; bins without names are left out.
     """
     shown = reliability[reliability["n"] > 0]
     figure, ((axis,),) = new_figure(5.2, 4.4)

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from typing import Any
+
 WORDS = {
     "force_n": "force (N)",
     "contraction": "contraction (1)",
@@ -26,6 +28,13 @@ DIRECTIONS = {
     "pressure_kpa": {"rising": "after a rise", "falling": "after a fall"},
 }
 """What they mean in a channel."""
+
+
+def name_panel(axis: Any, title: str, x: str) -> None:
+    """Give a panel a title and a label of its abscissa."""
+    axis.set_title(title, fontsize=10)
+    axis.set_xlabel(x, fontsize=9)
+    axis.tick_params(labelsize=8)
 
 
 def label(signal: str, channel: str = "", unit: str = "") -> str:

@@ -1,4 +1,4 @@
-"""What named effects close of the gap: their signatures, the gap step by step, and verification trials over time."""
+"""What effects close of the gap: candidates, signatures of named ones, the gap step by step, verification trials."""
 
 from __future__ import annotations
 
@@ -18,6 +18,7 @@ from stages.science.figures.signal_words import (
     QUIET,
     STYLES,
     label,
+    name_panel,
     shorten,
     spell,
 )
@@ -27,18 +28,47 @@ if TYPE_CHECKING:
 
 LETTERS_PER_INCH = 12
 FLOOR = "noise floor"
+LEAST_PROBABILITY = 0.005
+
+
+def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
+    """Draw probabilities as bars, and held-out gaps as points beside the gap that there is, most probable ones first.
+
+    A ranking of one round has columns name, probability, heldout_gap and absorbed; candidates that say nothing are left
+    out.
+    """
+    always = ranking["name"].isin(["none", "unknown"])
+    now = float(ranking.loc[ranking["name"] == "none", "heldout_gap"].iloc[0])
+    tells = (ranking["probability"] >= LEAST_PROBABILITY) | (ranking["heldout_gap"] < now) | ranking["absorbed"]
+    order = ["absorbed", "probability", "heldout_gap"]
+    rows = ranking[always | tells].sort_values(order, ascending=[True, False, True]).reset_index(drop=True)
+    figure, ((left, right),) = new_figure(10.6, 0.27 * len(rows) + 1.1, 1, 2, sharey=True, width_ratios=[1.0, 1.1])
+    place = range(len(rows))
+    left.barh(place, rows["probability"], color=[BEFORE if each == 0 else AFTER for each in place], height=0.66)
+    for each, row in enumerate(rows.to_dict("records")):
+        p = float(row["probability"])
+        told = "absorbed" if row["absorbed"] else "> 0.99" if p > 0.995 else "< 0.01" if p < 0.005 else f"{p:.2f}"
+        left.annotate(told, (p, each), (4, 0), textcoords="offset points", va="center", fontsize=8)
+    left.set_yticks(place, [spell(each) for each in rows["name"]])
+    left.invert_yaxis()
+    left.set(xlim=(0.0, 1.18), xlabel="probability (1)", xticks=[0.0, 0.25, 0.5, 0.75, 1.0])
+    right.axvline(100.0 * now, color=MEASURED, linestyle="--", linewidth=1.0, label="as it is")
+    right.legend(frameon=False, fontsize=8, loc="lower left")
+    closed = ~rows["absorbed"]
+    right.plot(100.0 * rows["heldout_gap"][closed], rows.index[closed], "o", color=AFTER)
+    right.plot(100.0 * rows["heldout_gap"][~closed], rows.index[~closed], "o", color=QUIET, fillstyle="none")
+    right.set(xlim=(0.0, None), xlabel="gap with it, trials left out (% of range)")
+    for axis in (left, right):
+        axis.grid(axis="x", alpha=0.25)
+        axis.spines[["top", "right"]].set_visible(False)
+    return figure
 
 
 def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
     """Draw what a named effect adds to the simulation over the residual without it, a panel for each muscle.
 
-    Parameters
-    ----------
-    traced : DataFrame
-        Of one effect: columns effect, channel, muscle, unit, variable, direction, x, measured (drawn with two standard
-        errors), error and added.
-    signature : str
-        What the effect leaves in the residual, in one sentence.
+    `traced`, of one effect, has columns effect, channel, muscle, unit, variable, direction, x, measured (drawn with two
+    standard errors), error and added; the signature says in one sentence what the effect leaves in the residual.
     """
     muscles = list(traced["muscle"].unique())
     first = traced.iloc[0]
@@ -53,13 +83,11 @@ def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
             told = f"{spell(first['effect'])}{way}"
             axis.plot(its["x"], its["added"], color=colour, linestyle=style, linewidth=1.8, label=told)
         axis.axhline(0.0, color=MEASURED, linewidth=0.8)
-        axis.set_title(muscle, fontsize=10)
-        axis.set_xlabel(label(first["variable"], first["channel"], first["unit"]), fontsize=9)
-        axis.tick_params(labelsize=8)
+        name_panel(axis, muscle, label(first["variable"], first["channel"], first["unit"]))
     what = f"{shorten(first['channel'])} without it:\nmeasured less simulated ({first['unit']})"
     panels[0].set_ylabel(what, fontsize=9)
-    abreast = 4 if len(panels) > 1 else 2
     handles = panels[0].get_legend_handles_labels()
+    abreast = 4 if len(panels) > 1 else 2
     figure.legend(*handles, loc="outside lower center", ncols=abreast, frameon=False, fontsize=8)
     title = f"{spell(first['effect'])}: {signature}"
     figure.suptitle(fill(title, round(LETTERS_PER_INCH * figure.get_figwidth())), fontsize=10)
@@ -69,10 +97,7 @@ def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
 def draw_gap_waterfall(verification: pd.DataFrame) -> Figure:
     """Draw the gap on verification trials: nominal, what each effect takes away, what is left, and the floor.
 
-    Parameters
-    ----------
-    verification : DataFrame
-        Columns simulation (a panel each), step, label, gap, low and high, in order.
+    The frame has columns simulation (a panel each), step, label, gap, low and high, in order.
     """
     kinds = list(verification["simulation"].unique())
     figure, (panels,) = new_figure(10.6, 3.5, 1, len(kinds), sharey=True)
@@ -92,8 +117,7 @@ def _draw_falls(axis: Any, rows: pd.DataFrame) -> None:
     steps: list[Any] = [*rows[rows["label"] != FLOOR].itertuples(index=False)]
     first, last = steps[0], steps[-1]
     bars: list[tuple[str, float, float, str, Any]] = [("nominal", 0.0, first.gap, BEFORE, first)]
-    for before, after in pairwise(steps):
-        bars.append((spell(str(after.label)), before.gap, after.gap, QUIET, None))
+    bars += [(spell(str(after.label)), before.gap, after.gap, QUIET, None) for before, after in pairwise(steps)]
     if len(steps) > 1:
         bars.append(("left", 0.0, last.gap, AFTER, last))
     for place, (_, one, other, colour, marked) in enumerate(bars):
@@ -122,23 +146,15 @@ def _mark(axis: Any, place: int, row: Any) -> None:
 def draw_verified_trials(
     predictions: pd.DataFrame, channel: str, muscles: Sequence[str], trials: Sequence[int]
 ) -> Figure:
-    """Draw the first muscle's channel in each trial, and below it what each muscle's simulations leave of it.
+    """Draw the first muscle's channel in each trial, a column each, and below it each muscle's residuals, a row each.
 
-    Parameters
-    ----------
-    predictions : DataFrame
-        Columns trial, time_s, muscle, channel, measured, before and after.
-    channel : str
-        Which is drawn.
-    muscles, trials : sequence of str, sequence of int
-        A row of residuals for each muscle, a column for each trial.
+    Predictions have columns trial, time_s, muscle, channel, measured, before and after.
     """
     heights = [1.4, *(1.0 for _ in muscles)]
     sharing = {"sharex": "col", "sharey": "row", "gridspec_kw": {"height_ratios": heights}}
     figure, panels = new_figure(10.6, 2.1 + 1.45 * len(muscles), len(heights), len(trials), **sharing)
-    its = predictions[predictions["channel"] == channel]
     for column, trial in enumerate(trials):
-        rows = its[its["trial"] == trial]
+        rows = predictions[(predictions["channel"] == channel) & (predictions["trial"] == trial)]
         top, first = panels[0, column], rows[rows["muscle"] == muscles[0]]
         top.plot(first["time_s"], first["measured"], color=QUIET, linewidth=3.0, label="measured")
         top.plot(first["time_s"], first["before"], "--", color=BEFORE, linewidth=1.1, label="simulated before")

@@ -50,8 +50,7 @@ class OperatorSettings(Declared):
 
 
 Frame = tuple[float, ...]
-"""When a page drew it, by the monotonic clock, and times within the trial of the reference and of the measured posture
-that it shows, s; nan for none."""
+"""When a page drew it (monotonic clock), and the times in the trial of reference and posture shown, s; nan for none."""
 
 
 class Refused(Exception):
@@ -106,7 +105,7 @@ class OperatorSession:
 
     def propose(self, trial: Trial) -> None:
         """Return once a trial is accepted and counted down; `TrialDeclined` and `StudyPaused` say why it is not."""
-        can_skip = trial.proposal is not None and trial.proposal.can_skip
+        can_skip = trial.proposal and trial.proposal.can_skip
         choices: tuple[Word, ...] = ("accept", "skip", "pause") if can_skip else ("accept", "pause")
         self._described, self._outcome, self.moment = self._describe(trial), {}, None
         while True:
@@ -131,10 +130,8 @@ class OperatorSession:
 
     def why_stop(self) -> str:
         """Return why somebody wants the trial stopped."""
-        if not self._stop and self._phase in ("countdown", "running"):
-            lost = self._find_lost()
-            if lost:
-                self.stop(lost)
+        if not self._stop and self._phase in ("countdown", "running") and (lost := self._find_lost()):
+            self.stop(lost)
         return self._stop
 
     def judge(self, trial: Trial, recording: Recording | None, stopped: str) -> None:
@@ -211,10 +208,7 @@ class OperatorSession:
     def decide(self, word: str, note: str, question: int) -> None:
         """Take the operator's decision on the question of a scene.
 
-        Raises
-        ------
-        Refused
-            When another one is asked by now, it has no such answer, or a page is missing.
+        It raises `Refused` where another one is asked by now, it has no such answer, or a page is missing.
         """
         with self._changed:
             if question != self._question or self._decision is not None:
@@ -232,7 +226,7 @@ class OperatorSession:
         with self._changed:
             self._automatic = False
             self._stop = self._stop or why
-            self._change()
+            self._turn()
 
     def go_on(self, automatic: bool) -> None:
         """Have trials follow each other by themselves until somebody stops one, or no longer."""
@@ -240,7 +234,7 @@ class OperatorSession:
             self._automatic = automatic
             if automatic and self._phase not in ("countdown", "running"):
                 self._stop = ""
-            self._change()
+            self._turn()
 
     def draw(self, frames: Sequence[Frame], starts_at_s: float) -> None:
         """Take what a participant's page drew of the trial that begins at a time; of another one, nothing is taken."""
@@ -265,14 +259,12 @@ class OperatorSession:
 
     # within
 
-    def _change(self) -> None:
-        self.number += 1
-        self._changed.notify_all()
-
-    def _turn(self, phase: Phase) -> None:
+    def _turn(self, phase: Phase | None = None) -> None:
+        """Tell who waits that something has changed."""
         with self._changed:
-            self._phase = phase
-            self._change()
+            self._phase = phase or self._phase
+            self.number += 1
+            self._changed.notify_all()
 
     def _ask(self, phase: Phase, choices: tuple[Word, ...]) -> tuple[Word, str]:
         """Wait for a decision; a signal ends the wait."""
@@ -303,13 +295,13 @@ class OperatorSession:
             return False
 
     def _find_lost(self) -> str:
-        now = clock.now_s()
         for role in self.settings.needed:
             heard = [heard_s for its, heard_s in list(self._pages.values()) if its == role]
             if not heard:
                 return f"the {role}'s page was closed"
-            if now - max(heard) > self.settings.lost_after_s:
-                return f"the {role}'s page was not heard for {now - max(heard):.1f} s"
+            silent_s = clock.now_s() - max(heard)
+            if silent_s > self.settings.lost_after_s:
+                return f"the {role}'s page was not heard for {silent_s:.1f} s"
         return ""
 
     def _count(self, role: str) -> int:
@@ -330,11 +322,8 @@ class OperatorSession:
 
     def _sum_up(self, trial: Trial, recording: Recording) -> dict[str, Any]:
         """Return what is shown of a recording."""
-        every = self._every
-        summary: dict[str, Any] = {
-            name: getattr(recording, name)[::every].tolist()
-            for name in ("time_s", "joint_angle_rad", "pressure_command_kpa", "pressure_kpa", "force_n")
-        }
+        names = ("time_s", "joint_angle_rad", "pressure_command_kpa", "pressure_kpa", "force_n")
+        summary: dict[str, Any] = {name: getattr(recording, name)[:: self._every].tolist() for name in names}
         summary["samples"] = len(recording.time_s)
         summary["not_ok"] = int((recording.status != "ok").any(axis=1).sum())
         if trial.reference_rad is not None:

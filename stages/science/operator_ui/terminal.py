@@ -13,10 +13,7 @@ from stages.science.rig import clock
 
 LETTERS = {"a": "accept", "s": "skip", "k": "keep", "r": "repeat", "x": "reject", "q": "pause"}
 MEANT = {
-    "accept": "accept",
     "skip": "skip, and see the next best",
-    "keep": "keep",
-    "repeat": "repeat",
     "reject": "reject: kept aside, not learned from",
     "pause": "stop for today",
 }
@@ -55,8 +52,7 @@ class Terminal:
         now = scene["phase"], scene["question"], scene["stop"], tuple(scene["choices"])
         if now == self._told:
             return
-        self._told = now
-        phase = scene["phase"]
+        self._told, phase = now, scene["phase"]
         if phase == "proposed" and scene["choices"]:
             self._say(*_describe_proposal(scene["trial"]), self._offer(scene))
         elif phase == "countdown":
@@ -68,18 +64,19 @@ class Terminal:
             self._say(*_describe_outcome(scene), self._offer(scene))
 
     def _offer(self, scene: dict[str, Any]) -> str:
-        letters = [f"{letter} = {MEANT[word]}" for letter, word in LETTERS.items() if word in scene["choices"]]
+        letters = [
+            f"{letter} = {MEANT.get(word, word)}" for letter, word in LETTERS.items() if word in scene["choices"]
+        ]
         if scene["phase"] == "proposed":
             letters.append("g = let trials follow by themselves")
         return f"  {', '.join(letters)}; a note may follow the letter: "
 
     def _hear(self) -> None:
         while not self._closed.is_set():
-            line = self._source.readline()
-            if not line:
+            if line := self._source.readline():
+                self._take(line)
+            else:
                 self._lose()
-                return
-            self._take(line)
 
     def _take(self, line: str) -> None:
         scene = self.session.see()
@@ -87,16 +84,15 @@ class Terminal:
             self.session.stop("the operator pressed Enter")
             return
         letter, _, note = line.strip().partition(" ")
-        letter = letter.lower()
-        if letter == "g" and scene["phase"] == "proposed":
+        if letter.lower() == "g" and scene["phase"] == "proposed":
             self.session.go_on(True)
         elif not scene["choices"]:
             self._say("nothing is asked now")
         else:
             try:
-                if letter not in LETTERS:
+                if letter.lower() not in LETTERS:
                     raise Refused(f"expected one of the letters, got {letter!r}")
-                self.session.decide(LETTERS[letter], note, scene["question"])
+                self.session.decide(LETTERS[letter.lower()], note, scene["question"])
             except Refused as error:
                 self._say(f"{error}", self._offer(scene))
 
@@ -105,8 +101,8 @@ class Terminal:
         self.session.stop("the terminal's input has ended")
         while not self._closed.is_set():
             scene = self.session.see()
-            word = next((each for each in ("pause", "keep") if each in scene["choices"]), None)
-            if word is not None:
+            if scene["choices"]:
+                word = "pause" if "pause" in scene["choices"] else "keep"
                 with contextlib.suppress(Refused):
                     self.session.decide(word, "the terminal's input had ended", scene["question"])
             clock.sleep(POLL_S)
@@ -121,10 +117,8 @@ def _describe_proposal(trial: dict[str, Any]) -> list[str]:
     which = f"{trial['position']} of {trial['total']}: " if trial["position"] is not None else ""
     who = {"passive": "nobody moves", "free": f"{trial['participant']} moves freely"}
     doing = who.get(trial["kind"], f"{trial['participant']} follows the reference")
-    lines = [f"{which}{trial['label']} ({doing}, {trial['duration_s']:g} s)"]
-    if trial["reason"]:
-        lines.append(f"  {trial['reason']}")
-    return lines
+    reason = [f"  {trial['reason']}"] if trial["reason"] else []
+    return [f"{which}{trial['label']} ({doing}, {trial['duration_s']:g} s)", *reason]
 
 
 def _describe_outcome(scene: dict[str, Any]) -> list[str]:

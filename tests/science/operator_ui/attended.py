@@ -1,21 +1,31 @@
 """A rig without a machine: what it tells an operator session, in a thread, at a hundred samples a second."""
 
 import contextlib
+import re
+import shlex
 import threading
 import time
 
 import numpy as np
 import pandas as pd
-import pytest
 
 from stages.science.operator_ui.operator_session import OperatorSession, OperatorSettings, Refused
+from stages.science.operator_ui.pages.server import PageServer
 from stages.science.rig import clock
 from stages.science.rig.attendance import Moment, StudyPaused, TrialDeclined
 from stages.science.rig.trial import Proposal, Recording, Trial
+from tests.conftest import Command
 from tests.science.plant.machines import other_machine
 
 RATE_HZ = 100.0
 NOBODY_NEEDED = {"countdown_s": 0.3, "result_s": 0.5, "lost_after_s": 1.0, "needed": []}
+
+STUDY = shlex.split("""
+budget=tiny bank.trajectories=8 subsampling.initial_trials=1 active_loop.trials=5 active_loop.controls=[]
+exoskeleton.trial_s=0.8 rig.lead_in_s=0.2 rig.realtime=true
+stages=[bank,subsampling,hyperprior,hardware,active_loop,tracking_delay,comparison]
+operator_ui=pages operator_ui.port=0 operator_ui.countdown_s=0.1 operator_ui.lost_after_s=5.0 operator_ui.result_s=0.0
+""")
 
 
 def make_session(joints=2, trial_s=1.0, **settings):
@@ -24,6 +34,14 @@ def make_session(joints=2, trial_s=1.0, **settings):
     session.machine = other_machine([2] * joints, RATE_HZ, trial_s)
     session.describe(session.machine, pointed=False)
     return session
+
+
+def open_pages(host="127.0.0.1", **settings):
+    """An operator session with these settings, and the server that shows its pages."""
+    session = make_session(**settings)
+    server = PageServer(session, host, 0)
+    server.open()
+    return session, server
 
 
 def make_trial(machine, kind="tracked", position=1, label=""):
@@ -36,7 +54,7 @@ def make_trial(machine, kind="tracked", position=1, label=""):
         position=position,
         total=12,
         reason="movement 17 of the bank tells most: its predictions differ by 21 % between the models",
-        trajectory=17,
+        trajectory=np.int64(17),
         utilities={k: 0.9 if k == 17 else 0.45 + 0.4 * np.sin(k) for k in range(40)},
         errors=tuple(0.4 * 0.9**k for k in range(position - 1)),
         can_skip=True,
@@ -101,30 +119,32 @@ class Study(threading.Thread):
         return session.add_display(recording)
 
 
+@contextlib.contextmanager
+def serve(outputs, **how):
+    """Start the study; the command, its process and the addresses that it tells. It ends with the test."""
+    command, addresses = Command(outputs, *STUDY), {}
+    with command.start(**how) as process:
+        watchdog = threading.Timer(300.0, process.kill)
+        watchdog.start()
+        try:
+            while len(addresses) < 2:
+                line = process.stdout.readline()
+                assert line, process.stderr.read()
+                addresses |= re.findall(r"(\w+)'s page: (\S+)", line)
+            yield command, process, addresses
+        finally:
+            process.kill()
+            watchdog.cancel()
+
+
 def read(run, table):
     return pd.read_parquet(run / "tables" / f"{table}.parquet")
 
 
-def wait_until(holds, within_s=30.0):
+def wait_until(holds):
     """Wait for something that does not go by the clock of rigs."""
-    end = time.monotonic() + within_s
+    end = time.monotonic() + 30.0
     while not (found := holds()):
         assert time.monotonic() < end, "did not happen in time"
         time.sleep(0.002)
     return found
-
-
-@pytest.fixture
-def begin(turned):
-    """Begin a study of some trials, or of one, by a clock that passes while this thread sleeps by it only."""
-    turned.sleep(0.001)
-    begun = []
-
-    def begin(session, *trials):
-        begun.append(Study(session, *(trials or [make_trial(session.machine)])))
-        turned.start(begun[-1])
-        return begun[-1]
-
-    yield begin
-    for each in begun:
-        each.leave()

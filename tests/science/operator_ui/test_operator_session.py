@@ -1,4 +1,4 @@
-"""A study whose trials an operator decides on in the terminal, as a person types."""
+"""A study whose trials an operator decides on in the terminal, as a person types; stops between phases of a trial."""
 
 import queue
 import re
@@ -13,8 +13,9 @@ import pytest
 from stages.science.operator_ui import ui
 from stages.science.operator_ui.terminal import Terminal
 from stages.science.rig import clock
+from stages.science.rig.attendance import TrialDeclined
 from tests.conftest import Command
-from tests.science.operator_ui.attended import read, wait_until
+from tests.science.operator_ui.attended import Study, make_session, make_trial, read, wait_until
 
 SMALL = shlex.split("""
 budget=tiny figures=[] bank.trajectories=5 subsampling.initial_trials=1 active_loop.trials=2 active_loop.controls=[]
@@ -26,6 +27,7 @@ DECISIONS = {
     "bank 1": ["a", "r it slipped", "a", "k"],
     FIRST: ["s too fast", "a", "x the strap came off", "a in order", "k calm"],
 }
+PRESSED = "the participant pressed stop"
 LONGEST_S = 120.0
 """After which an operator who is asked nothing leaves."""
 
@@ -119,15 +121,10 @@ def test_skipped_repeated_and_rejected_trials_lie_where_they_belong(decided):
 
 def test_a_study_that_is_stopped_and_continued_is_the_same_study(decided, tmp_path):
     broken = Command(tmp_path / "broken", *SMALL)
-
     for answers, code, told in (
         ({**DECISIONS, "bank 2": [None]}, 3, "next is bank 2 (the terminal's input had ended)"),
         ({"bank 3": ["^C"]}, 130, "stopped by Ctrl-C; to continue, type: "),
-        (
-            {"bank 4": ["q lunch"]},
-            3,
-            "bank paused: the operator stopped for today; next is bank 4 (lunch); to ",
-        ),
+        ({"bank 4": ["q lunch"]}, 3, "bank paused: the operator stopped for today; next is bank 4 (lunch); to "),
         ({FIRST: [*DECISIONS[FIRST][:3], "q"]}, 3, "; to continue, type: "),
     ):
         left = Operator(answers).attend(broken)
@@ -136,8 +133,7 @@ def test_a_study_that_is_stopped_and_continued_is_the_same_study(decided, tmp_pa
     last = Operator({FIRST: ["a in order", "k calm"]})
     result = last.attend(broken)
     assert result.returncode == 0, result.stderr
-    second = FIRST.replace("trial 1", "trial 2")
-    assert [label for label, _ in last.asked] == [FIRST, FIRST, second, second]
+    assert [label for label, _ in last.asked] == [FIRST, FIRST, *[FIRST.replace("trial 1", "trial 2")] * 2]
     (run,), (reference,) = broken.runs, decided.runs
     for path in sorted((reference / "tables").glob("*.parquet")):
         assert (run / "tables" / path.name).read_bytes() == path.read_bytes(), path.name
@@ -193,3 +189,82 @@ def test_where_nothing_asks_an_operator_an_interface_is_refused(pamid):
     told = "operator_ui: expected null, as workflow hidden_effect has no device that can be connected to it"
     assert line.startswith(told)
     assert not pamid.outputs.exists()
+
+
+@pytest.fixture
+def run(turned):
+    """Run a study of one trial or more, and answer what each phase asks, or does, every hundredth of a second."""
+
+    def run(session, trials=1, **answers):
+        def attend():
+            assert turned.now_s() < begun_s + 60.0, session.see()
+            scene = session.see()
+            answer = answers.get(scene["phase"])
+            if answer and (scene["choices"] or scene["phase"] == "running"):
+                word = answer if isinstance(answer, str) else answer(scene)
+                if word:
+                    session.decide(word, "", scene["question"])
+            return 0.01
+
+        begun_s = turned.now_s()
+        turned.at(begun_s + 0.01, attend)
+        study = Study(session, *(make_trial(session.machine) for _ in range(trials)))
+        study.run()
+        return study
+
+    return run
+
+
+@pytest.mark.parametrize("countdown_s", [0.0, 0.2])
+def test_a_stop_right_after_the_decision_is_heard(run, countdown_s):
+    session, scenes = make_session(countdown_s=countdown_s), []
+
+    def answer(scene):
+        scenes.append(scene)
+        if len(scenes) > 1:
+            return "pause"
+        session.decide("accept", "", scene["question"])
+        return session.stop(PRESSED)
+
+    run(session, proposed=answer)
+    assert scenes[1]["question"] > 1
+    assert scenes[1]["outcome"] == {"stopped": f"stopped before it began: {PRESSED}"}
+    assert scenes[1]["stop"] == ""
+
+
+@pytest.mark.parametrize(("after_s", "phase"), [(0.5, "proposed"), (0.65, "judging"), (0.8, "judging")])
+def test_a_stop_of_trials_that_follow_by_themselves_is_heard(run, turned, after_s, phase):
+    """It comes in the second one's countdown, while muscles are filled for it, or within it."""
+    session, asked = make_session(trial_s=0.3, result_s=0.0, countdown_s=0.1), []
+
+    def wait_and_leave(scene):
+        asked.append((turned.now_s(), scene["phase"], len(scene["history"])))
+        return "pause" if turned.now_s() > asked[0][0] + 1.0 else None
+
+    session.go_on(True)
+    turned.after(after_s, lambda: session.stop(PRESSED))
+    study = run(session, 50, proposed=wait_and_leave, judging=wait_and_leave)
+    assert {each[1:] for each in asked} == {(phase, 1)}
+    assert len(study.ended) == 2
+
+
+def test_a_stop_while_a_trial_runs_outlives_the_wish_to_go_on(run):
+    session = make_session(trial_s=3.0, countdown_s=0.0)
+
+    def stop_and_go_on(scene):
+        session.stop(PRESSED)
+        session.go_on(True)
+
+    def answer(scene):
+        assert PRESSED in scene["outcome"]["stopped"]
+        return "repeat"
+
+    session.go_on(True)
+    assert isinstance(run(session, running=stop_and_go_on, judging=answer).ended[0], TrialDeclined)
+
+
+def test_a_stop_while_a_result_is_judged_stops_no_trial_that_is_accepted_later(run):
+    session = make_session(trial_s=0.3, countdown_s=0.0)
+    study = run(session, 2, proposed="accept", judging=lambda scene: session.stop(PRESSED) or "keep")
+    assert len(study.ended) == 2
+    assert [each["decision"] for each in session.see()["history"]] == ["keep", "keep"]

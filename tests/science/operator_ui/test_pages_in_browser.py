@@ -1,5 +1,6 @@
-"""The pages of a trial as a browser shows them: what moves, what stops it, and how soon."""
+"""The pages of a trial as a browser shows them: what moves, what stops it, how soon; a study driven through them."""
 
+import contextlib
 import threading
 import time
 from functools import partial
@@ -7,30 +8,31 @@ from functools import partial
 import numpy as np
 import pytest
 
-from stages.science.operator_ui.pages.server import PageServer
 from stages.science.rig.attendance import TrialDeclined
 from tests import browsing
 from tests.browsing import HOSTILE
 from tests.browsing import browser as browser
-from tests.science.operator_ui.attended import Study, make_session, make_trial, wait_until
+from tests.science.operator_ui.attended import Study, make_trial, open_pages, read, serve, wait_until
 
 pytest.importorskip("aiohttp", reason="aiohttp is not installed")
 SIZES = {"wide": (1280, 800), "tall": (720, 1280), "small": (720, 450), "phone": (390, 844)}
 OFFERED = """() => new Promise(resolve => {
     const before = pamid.frames, began = performance.now();
     let offered = 0;
-    const count = now => {
+    requestAnimationFrame(function count(now) {
         offered += 1;
         if (now - began < 1000) requestAnimationFrame(count);
         else resolve([offered, pamid.frames - before]);
-    };
-    requestAnimationFrame(count);
+    });
 })"""
 BACKGROUND = "getComputedStyle(document.body).backgroundColor"
 WHITE, BLACK = "rgb(255, 255, 255)", "rgb(18, 22, 28)"
 CLICK = "document.getElementById('stop').click()"
 HIDDEN = """Object.defineProperty(document, "hidden", {value: true});
 document.dispatchEvent(new Event("visibilitychange", {bubbles: true}))"""
+PICTURE = "document.querySelector('canvas').toDataURL()"
+ACROSS = "h1, h2, p, dd, dt, li, button, textarea, canvas, figcaption, .ring, kbd, footer, table"
+DOWN = "h1, p, dl, button, canvas, footer, .ring"
 ROLES = ("participant", "operator")
 POLLED_S = 0.02
 
@@ -38,8 +40,8 @@ POLLED_S = 0.02
 class Look(browsing.Look):
     """A page of a trial; where the clock of rigs is turned, its own one stands still unless it is told to go on."""
 
-    def __init__(self, room, role, size="wide", theme="light"):
-        super().__init__(room.browser, SIZES[size], color_scheme=theme)
+    def __init__(self, room, role, theme="light"):
+        super().__init__(room.browser, SIZES["wide"], color_scheme=theme)
         self.room, self.press = room, self.page.keyboard.press
         self.address = room.server.address(role)
         if room.turned:
@@ -60,36 +62,13 @@ class Look(browsing.Look):
     def wait_text(self, text):
         self.room.wait(self.page.get_by_text(text).first.is_visible)
 
-    def picture(self):
-        return self.page.evaluate("document.querySelector('canvas').toDataURL()")
-
-    def find_beyond(self, *sides):
-        """What lies beyond the page in x, to the left or right, or in y, above or below."""
-        return self.page.evaluate(
-            """sides => sides.flatMap(side => {
-                const [begins, ends, scroll, inner, shown] = {
-                    x: ["left", "right", "scrollWidth", innerWidth,
-                        "h1, h2, p, dd, dt, li, button, textarea, canvas, figcaption, .ring, kbd, footer, table"],
-                    y: ["top", "bottom", "scrollHeight", innerHeight, "h1, p, dl, button, canvas, footer, .ring"],
-                }[side];
-                const beyond = [...document.querySelectorAll(shown)].filter(each => {
-                    const box = each.getBoundingClientRect();
-                    return each.checkVisibility() && (box[begins] < -0.5 || box[ends] > inner + 0.5);
-                }).map(each => each.outerHTML.slice(0, 80));
-                return document.documentElement[scroll] > inner ? [`page is larger in ${side}`, ...beyond] : beyond;
-            })""",
-            sides,
-        )
-
 
 class Room:
     """An operator session with its server and the pages that show it; both go by a clock that is turned, if any."""
 
-    def __init__(self, browser, turned, **settings):
+    def __init__(self, browser, turned=None, **settings):
         self.browser, self.turned = browser, turned
-        self.session = make_session(**settings)
-        self.server = PageServer(self.session, "127.0.0.1", 0)
-        self.server.open()
+        self.session, self.server = open_pages(**settings)
         self.looks, self.studies = [], []
 
     def look(self, role, **how):
@@ -123,15 +102,8 @@ class Room:
 
 @pytest.fixture
 def room(browser):
-    made = []
-
-    def enter(turned=None, **settings):
-        made.append(Room(browser, turned, **settings))
-        return made[-1]
-
-    yield enter
-    for each in made:
-        each.close()
+    with contextlib.ExitStack() as stack:
+        yield lambda *turned, **how: stack.enter_context(contextlib.closing(Room(browser, *turned, **how)))
 
 
 @pytest.fixture
@@ -219,10 +191,10 @@ def test_a_trial_from_its_proposal_to_its_result_and_trials_that_follow_by_thems
     operator.page.get_by_role("heading").first.click()
     operator.press("a")
     participant.wait_text("Follow the red arm")
-    first = participant.picture()
+    first = participant.page.evaluate(PICTURE)
     room.pass_time(0.5)
     assert participant.page.evaluate("pamid.phase") == "running"
-    assert participant.picture() != first
+    assert participant.page.evaluate(PICTURE) != first
     assert operator.page.evaluate("pamid.frames") > 5
     room.pass_time(2.5)
     for look in room.looks:
@@ -275,16 +247,16 @@ def test_what_is_written_is_shown_as_it_is_and_presses_no_keys(still):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("kind", "told"), [("free", "Move freely"), ("passive", "Do not move")])
-def test_without_a_reference_only_the_own_arm_is_shown(still, kind, told):
+def test_without_a_reference_only_the_own_arm_is_shown(still):
     room = still(countdown_s=0.0, trial_s=1.5)
     participant = room.look("participant")
     room.session.go_on(True)
-    study = room.start(kind)
-    participant.wait_text(told)
-    assert not participant.page.get_by_text("target").is_visible()
-    room.wait(lambda: study.ended)
-    assert np.isnan(study.ended[0].reference_shown_s).all()
+    study = room.start("free", "passive")
+    for told in ("Move freely", "Do not move"):
+        participant.wait_text(told)
+        assert not participant.page.get_by_text("target").is_visible()
+    room.wait(lambda: len(study.ended) == 2)
+    assert np.isnan([each.reference_shown_s for each in study.ended]).all()
 
 
 @pytest.mark.slow
@@ -336,11 +308,67 @@ def test_pages_fit_in_every_state(still, theme, paper, other):
             for look in room.looks:
                 look.page.set_viewport_size({"width": across, "height": down})
             room.pass_time(POLLED_S)
-            assert participant.find_beyond("x", "y") == []
-            assert operator.find_beyond("x") == []
+            assert [participant.find_beyond(*each) for each in (("x", ACROSS), ("y", DOWN))] == [[], []]
+            assert operator.find_beyond("x", ACROSS) == []
         assert participant.page.evaluate(BACKGROUND) == paper
         if phase == "proposed":
             operator.page.locator("button.accept").click()
         room.pass_time(lasts_s)
     participant.press("d")
     assert participant.page.evaluate(BACKGROUND) == other
+
+
+KEYS = {"accept": "a", "skip": "s", "keep": "k", "repeat": "r", "reject": "x"}
+ANSWERS = {
+    "p1 experiment 1 y_y trial 1": ["skip", "accept", "reject", "accept", "keep"],
+    "p1 experiment 1 y_y trial 4": ["accept", "repeat", "accept", "keep"],
+}
+
+
+def answer(operator, waiting):
+    """Answer what the operator's page asks, if it asks anything, by a key and with a note."""
+    offered = operator.eval_on_selector_all(
+        "#choices button:not([disabled])", "all => all.map(each => each.dataset.word)"
+    )
+    if not offered:
+        time.sleep(0.02)
+        return
+    label = operator.text_content("#label")
+    usual = "accept" if "accept" in offered else "keep"
+    word = waiting[label].pop(0) if waiting.get(label) else usual
+    operator.fill("#note", f"{word} {label}" if label in ANSWERS else "")
+    operator.evaluate("document.activeElement.blur()")
+    operator.keyboard.press(KEYS[word])
+    operator.wait_for_function(f"() => !document.querySelector('#choices [data-word={word}]:not([disabled])')")
+
+
+@pytest.mark.realtime
+def test_a_study_is_driven_through_its_pages(browser, tmp_path):
+    waiting = {label: list(words) for label, words in ANSWERS.items()}
+    looks = {role: browsing.Look(browser, (1280, 800)) for role in ("participant", "operator")}
+    with serve(tmp_path / "outputs", anew=True) as (command, process, addresses):
+        for role, look in looks.items():
+            look.page.goto(addresses[role])
+        while process.poll() is None:
+            try:
+                answer(looks["operator"].page, waiting)
+            except browsing.playwright.Error:  # the server goes with the study
+                time.sleep(0.02)
+        _, errors = process.communicate(timeout=60.0)
+    assert process.returncode == 0, errors
+    assert [each for look in looks.values() for each in look.errors] == []
+    (run,) = command.runs
+    decisions = read(run, "decisions").set_index(["trial", "attempt"])
+    assert decisions.loc[1, "decision"].tolist() == ["skip", "reject", "keep"]
+    assert decisions.loc[4, "decision"].tolist() == ["repeat", "keep"]
+    assert decisions.loc[(1, 2), "note"] == "accept p1 experiment 1 y_y trial 1; reject p1 experiment 1 y_y trial 1"
+    assert len(decisions) == 8
+    trials, recordings = read(run, "trials"), read(run, "active_recordings")
+    assert trials["trial"].tolist() == list(range(1, 6))
+    assert recordings.groupby("trial").ngroups == 5
+    assert len(list((run / "interrupted").iterdir())) == 2
+    late_s = recordings["reference_shown_s"] - recordings["time_s"]
+    assert late_s.notna().mean() > 0.95
+    assert 0.0 <= late_s.median() < 0.1
+    delays = read(run, "tracking_delays")
+    assert delays["display_delay_s"].between(0.0, 0.1).all()

@@ -1,25 +1,23 @@
 // An arm as a chain of links, seen from the side: how it is drawn, and which posture reaches a point.
 // The first joint's angle is taken from straight down, each further one from the link before; forward is to the right.
 
+import { drawDisc, drawLine } from "./shared.js";
+
 const SHRINK = 0.86;
 const POSTURES = 1500;
 const TURNS = 60;
 const STARTS = [0.5, 0.2, 0.8];
 const NEAR = 0.01; // of the arm's length
 
-export function linkLengths(count) {
-  const raw = Array.from({ length: count }, (_, index) => SHRINK ** index);
-  const total = raw.reduce((sum, each) => sum + each, 0);
-  return raw.map((each) => each / total);
-}
-
 /** Return the joints and the tip as points, for an arm of length 1 whose shoulder is at the origin. */
 export function chain(angle_rad) {
   const points = [[0, 0]];
+  const total = angle_rad.reduce((sum, _, index) => sum + SHRINK ** index, 0);
   let direction = 0;
-  linkLengths(angle_rad.length).forEach((length, index) => {
-    direction += angle_rad[index];
+  angle_rad.forEach((angle, index) => {
+    direction += angle;
     const [x, y] = points[index];
+    const length = SHRINK ** index / total;
     points.push([x + length * Math.sin(direction), y + length * Math.cos(direction)]);
   });
   return points;
@@ -84,8 +82,7 @@ function approach(target, from_rad, joints) {
   for (let turn = 0; turn < TURNS; turn += 1) {
     for (let joint = posture.length - 1; joint >= 0; joint -= 1) {
       const points = chain(posture);
-      const [x, y] = points[joint];
-      const [tipX, tipY] = points[points.length - 1];
+      const [[x, y], [tipX, tipY]] = [points[joint], points.at(-1)];
       const off = Math.atan2(target[0] - x, target[1] - y) - Math.atan2(tipX - x, tipY - y);
       posture[joint] = clip(posture[joint] + Math.atan2(Math.sin(off), Math.cos(off)), joints[joint]);
     }
@@ -99,13 +96,8 @@ export function drawBody(context, place, colour) {
   context.strokeStyle = context.fillStyle = colour;
   context.lineWidth = 0.13 * scale;
   context.lineCap = "round";
-  context.beginPath();
-  context.moveTo(x, y + 0.02 * scale);
-  context.lineTo(x, y + 0.62 * scale);
-  context.stroke();
-  context.beginPath();
-  context.arc(x, y - 0.25 * scale, 0.13 * scale, 0, 2 * Math.PI);
-  context.fill();
+  drawLine(context, [[x, y + 0.02 * scale], [x, y + 0.62 * scale]]);
+  drawDisc(context, [x, y - 0.25 * scale], 0.13 * scale);
   context.restore();
 }
 
@@ -124,36 +116,20 @@ export function drawArm(context, place, angle_rad, look) {
   context.lineJoin = "round";
   context.lineCap = look.dashed ? "butt" : "round";
   if (look.dashed) context.setLineDash([2.1 * width, 0.9 * width]);
-  context.beginPath();
-  points.forEach(([x, y], index) => (index ? context.lineTo(x, y) : context.moveTo(x, y)));
-  context.stroke();
+  drawLine(context, points);
   context.setLineDash([]);
-  let marks = [];
-  if (look.label) {
-    for (const [x, y] of points.slice(0, -1)) {
-      context.beginPath();
-      context.arc(x, y, 0.75 * width, 0, 2 * Math.PI);
-      context.fill();
-    }
-    marks = drawTip(context, points, width, look);
-  }
+  const marks = look.label ? drawTip(context, points, width, look) : [];
   context.restore();
   return marks;
 }
 
 function drawTip(context, points, width, look) {
-  const [x, y] = points[points.length - 1];
-  const [fromX, fromY] = points[points.length - 2];
+  points.slice(0, -1).forEach((point) => drawDisc(context, point, 0.75 * width));
+  const [[fromX, fromY], [x, y]] = points.slice(-2);
   const length = Math.hypot(x - fromX, y - fromY) || 1;
   const [alongX, alongY] = [(x - fromX) / length, (y - fromY) / length];
-  context.beginPath();
-  context.arc(x, y, (look.dashed ? 1.35 : 0.9) * width, 0, 2 * Math.PI);
-  if (look.dashed) {
-    context.lineWidth = 0.45 * width;
-    context.stroke();
-  } else {
-    context.fill();
-  }
+  context.lineWidth = 0.45 * width;
+  drawDisc(context, [x, y], (look.dashed ? 1.35 : 0.9) * width, !look.dashed);
   const size = Math.max(15, look.size);
   context.font = `600 ${size}px system-ui, sans-serif`;
   context.textAlign = "center";

@@ -1,6 +1,6 @@
 // Charts on canvases: curves over time, points of a learning curve, bars.
 
-import { fit } from "./shared.js";
+import { drawDisc, drawLine, fit } from "./shared.js";
 
 const LEFT = 46;
 const BOTTOM = 18;
@@ -39,10 +39,7 @@ function begin(canvas, x, y, colours, xTicks = null) {
   context.textBaseline = "middle";
   context.textAlign = "right";
   for (const { value, text } of ticks(...y, Math.max(3, height / 40))) {
-    context.beginPath();
-    context.moveTo(LEFT, toY(value));
-    context.lineTo(width - RIGHT, toY(value));
-    context.stroke();
+    drawLine(context, [[LEFT, toY(value)], [width - RIGHT, toY(value)]]);
     context.fillText(text, LEFT - 6, toY(value));
   }
   context.textBaseline = "bottom";
@@ -60,23 +57,14 @@ export function drawCurves(canvas, duration_s, curves, least, colours, now_s = n
   const { context, toX, toY, height } = begin(canvas, [0, duration_s], y, colours);
   if (now_s !== null && now_s >= 0 && now_s <= duration_s) {
     context.strokeStyle = colours("soft");
-    context.beginPath();
-    context.moveTo(toX(now_s), TOP);
-    context.lineTo(toX(now_s), height - BOTTOM);
-    context.stroke();
+    drawLine(context, [[toX(now_s), TOP], [toX(now_s), height - BOTTOM]]);
   }
   for (const { time_s, values, colour, dashed } of curves) {
     context.strokeStyle = colours(colour);
     context.lineWidth = dashed ? 1.2 : 1.8;
     context.setLineDash(dashed ? [5, 3] : []);
-    context.beginPath();
-    let pen = false;
-    values.forEach((value, index) => {
-      const known = value !== null && time_s[index] >= 0;
-      if (known) context[pen ? "lineTo" : "moveTo"](toX(time_s[index]), toY(value));
-      pen = known;
-    });
-    context.stroke();
+    const isKnown = (value, index) => value !== null && time_s[index] >= 0;
+    drawLine(context, values.map((value, index) => isKnown(value, index) && [toX(time_s[index]), toY(value)]));
   }
   context.setLineDash([]);
 }
@@ -88,14 +76,9 @@ export function drawLearning(canvas, percents, colours) {
   const { context, toX, toY } = begin(canvas, x, y, colours, Math.min(percents.length + 1, 8));
   context.strokeStyle = context.fillStyle = colours("accent");
   context.lineWidth = 1.8;
-  context.beginPath();
-  percents.forEach((value, index) => context[index ? "lineTo" : "moveTo"](toX(index + 1), toY(value)));
-  context.stroke();
-  percents.forEach((value, index) => {
-    context.beginPath();
-    context.arc(toX(index + 1), toY(value), 3.2, 0, 2 * Math.PI);
-    context.fill();
-  });
+  const points = percents.map((value, index) => [toX(index + 1), toY(value)]);
+  drawLine(context, points);
+  points.forEach((point) => drawDisc(context, point, 3.2));
 }
 
 /** Draw a bar for each movement; the chosen one is filled, the next best one outlined boldly. */

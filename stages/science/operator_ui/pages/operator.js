@@ -90,9 +90,16 @@ function show() {
   warn("problem", stopping || outcome.problem || outcome.stopped || "");
   if (decided === null && !["proposed", "judging"].includes(phase)) warn("refused", "");
   find("automatic").checked = scene.automatic;
-  showPages();
+  const pages = Object.entries(scene.pages).map(([role, count]) => {
+    return `${role} ${count || "none"}${!count && scene.needed.includes(role) ? ", but needed" : ""}`;
+  });
+  write(find("pages"), pages.join(" · "));
+  find("address").href = scene.participant_url;
+  write(find("address"), scene.participant_url);
+  const { position = null, total } = trial ?? {};
+  write(find("progress"), position === null ? "" : `trial ${position} of ${total}`);
+  find("done").style.width = position === null ? "0" : `${(100 * (position - 1)) / Math.max(total, 1)}%`;
   showChoices();
-  showProgress();
   showHistory();
   showFigures();
   showState();
@@ -116,15 +123,6 @@ function showState() {
   window.pamid.phase = lost ? "lost" : scene?.phase ?? "busy";
 }
 
-function showPages() {
-  const told = Object.entries(scene.pages).map(([role, count]) => {
-    const needed = scene.needed.includes(role) ? (count ? "" : ", but needed") : "";
-    return `${role} ${count || "none"}${needed}`;
-  });
-  write(find("pages"), told.join(" · "));
-  find("address").href = scene.participant_url;
-}
-
 function showChoices() {
   const area = find("choices");
   const shown = JSON.stringify([scene.phase, scene.choices, decided, scene.question]);
@@ -141,12 +139,6 @@ function showChoices() {
       return button;
     }),
   );
-}
-
-function showProgress() {
-  const { position = null, total } = scene.trial ?? {};
-  write(find("progress"), position === null ? "" : `trial ${position} of ${total}`);
-  find("done").style.width = position === null ? "0" : `${(100 * (position - 1)) / Math.max(total, 1)}%`;
 }
 
 function showHistory() {
@@ -178,9 +170,9 @@ function showFigures() {
   const next = others.length ? others.reduce((best, each) => (each[1] > best[1] ? each : best)) : null;
   drawBars(find("utilities").querySelector("canvas"), utilities, chosen, next?.[0], colours);
   const own = utilities.find(([name]) => name === chosen)?.[1];
-  const told = [own == null ? "" : `proposed: movement ${chosen} (${own.toPrecision(3)})`];
+  const told = own == null ? [] : [`proposed: movement ${chosen} (${own.toPrecision(3)})`];
   if (next) told.push(`skipping it chooses movement ${next[0]} (${next[1].toPrecision(3)}), outlined`);
-  write(find("utilities").querySelector("p"), told.filter(Boolean).join("; "));
+  write(find("utilities").querySelector("p"), told.join("; "));
 }
 
 // strip charts: one column for each joint
@@ -192,10 +184,8 @@ function makePanels() {
       const figure = make("figure");
       const canvas = make("canvas");
       figure.append(make("figcaption", `${joint.name} ${kind.title}`), canvas);
-      const muscles = scene.machine.muscles.flatMap((each, index) =>
-        each.joint === joint.name ? [{ ...each, index }] : [],
-      );
-      return { ...kind, column, muscles, figure, canvas };
+      const muscles = scene.machine.muscles.map((each, index) => ({ ...each, index }));
+      return { ...kind, column, muscles: muscles.filter((each) => each.joint === joint.name), figure, canvas };
     }),
   );
   const area = find("charts");
@@ -265,14 +255,6 @@ const toggleTheme = followTheme((named) => {
 addEventListener("resize", redraw);
 find("stop").addEventListener("click", stop);
 find("automatic").addEventListener("change", (event) => line.send({ kind: "automatic", on: event.target.checked }));
-find("copy").addEventListener("click", async () => {
-  try {
-    await navigator.clipboard.writeText(scene.participant_url);
-    write(find("copied"), "copied");
-  } catch {
-    write(find("copied"), scene.participant_url);
-  }
-});
 addEventListener("keydown", (event) => {
   const typing = event.target === find("note");
   if ((event.key === " " && !typing) || event.key === "Escape") {

@@ -1,5 +1,6 @@
 import { chain, drawArm, drawBody, findBox, placeBox, reach } from "./arm.js";
-import { degrees, find, fit, followTheme, interpolate, isMoving, Line, make, pageTime, write } from "./shared.js";
+import { degrees, drawDisc, find, fit, followTheme, interpolate } from "./shared.js";
+import { isMoving, Line, make, pageTime, write } from "./shared.js";
 
 const GHOSTS_S = [1, 0.75, 0.5, 0.25];
 const REPORTED_EVERY_S = 0.2;
@@ -23,11 +24,8 @@ let leavingFull = false;
 window.pamid = { frames: 0, phase: "busy" };
 
 const line = new Line("participant", (message) => {
-  if (message.kind === "moment") {
-    moment = message;
-  } else if (message.kind === "scene") {
-    takeScene(message);
-  }
+  if (message.kind === "moment") moment = message;
+  else if (message.kind === "scene") takeScene(message);
   dirty = true;
 });
 
@@ -135,11 +133,10 @@ function draw() {
   const at_s = isRunning() ? trialTime() : 0;
   if (isShowing() && !line.lost && !scene.stop) {
     const { time_s, reference_rad } = scene.trial;
-    GHOSTS_S.forEach((ahead_s) => {
-      const ghost = interpolate(time_s, reference_rad, at_s + ahead_s);
-      const alpha = 0.07 + 0.27 * (1.1 - ahead_s);
-      drawArm(context, place, ghost, { colour: colours("target"), width: 0.022, alpha });
-    });
+    for (const ahead_s of GHOSTS_S) {
+      const look = { colour: colours("target"), width: 0.022, alpha: 0.07 + 0.27 * (1.1 - ahead_s) };
+      drawArm(context, place, interpolate(time_s, reference_rad, at_s + ahead_s), look);
+    }
     const reference = interpolate(time_s, reference_rad, at_s);
     const look = { colour: colours("target"), width: 0.062, dashed: true, label: "target", side: 1, size };
     keepOff = drawArm(context, place, reference, look);
@@ -171,14 +168,8 @@ function drawPointer(place) {
   const tip = chain(posture).at(-1);
   context.strokeStyle = colours("ink");
   context.lineWidth = 2;
-  for (const [x, y, radius] of [
-    [pointed.x, pointed.y, 9],
-    [place.x + place.scale * tip[0], place.y + place.scale * tip[1], 3],
-  ]) {
-    context.beginPath();
-    context.arc(x, y, radius, 0, 2 * Math.PI);
-    context.stroke();
-  }
+  drawDisc(context, [pointed.x, pointed.y], 9, false);
+  drawDisc(context, [place.x + place.scale * tip[0], place.y + place.scale * tip[1]], 3, false);
   if (pageTime() - pointed_s >= POINTED_EVERY_S - 0.002) {
     pointed_s = pageTime();
     line.send({ kind: "pointer", angle_rad: posture });

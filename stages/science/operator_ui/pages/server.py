@@ -20,18 +20,19 @@ from collections import deque
 from dataclasses import dataclass, field
 from functools import partial
 from importlib.resources import files
-from typing import TYPE_CHECKING, Any
+from typing import Any
 from urllib.parse import quote
 
 import numpy as np
 
 from stages.science.operator_ui.operator_session import ROLES, OperatorSession, Refused
 from stages.science.rig import clock
-from stages.science.rig.attendance import Moment
 from stages.science.rig.contract import RigError
 
-if TYPE_CHECKING:
-    from aiohttp import web
+try:
+    from aiohttp import WSMsgType, web
+except ImportError:  # told when pages are opened
+    web = None  # type: ignore[assignment]
 
 TYPES = {"html": "text/html", "js": "text/javascript", "css": "text/css"}
 SENT_HZ = 60.0
@@ -88,7 +89,6 @@ class PageServer:
         self._tokens = {role: secrets.token_urlsafe(24) for role in ROLES}
         self._files: dict[str, bytes] = {}
         self._sockets: set[Socket] = set()
-        self._told: dict[str, tuple[int, str]] = {}
         self._encoded: dict[str, tuple[Any, str]] = {}
         self._thread: threading.Thread | None = None
         self._loop: asyncio.AbstractEventLoop | None = None
@@ -100,19 +100,11 @@ class PageServer:
         return f"http://{_in_url(host)}:{self.port}/{role}?token={quote(self._tokens[role])}"
 
     def open(self) -> None:
-        """Show the pages.
-
-        Raises
-        ------
-        RigError
-            When aiohttp is not installed, or the address cannot be taken.
-        """
+        """Show the pages, or raise `RigError` where aiohttp is not installed, or the address cannot be taken."""
         if self._thread is not None:
             return
-        try:
-            import aiohttp  # noqa: F401 (told here rather than by a thread)
-        except ImportError as error:
-            raise RigError('pages need aiohttp, which is not installed; pip install "pamid[pages]"') from error
+        if web is None:
+            raise RigError('pages need aiohttp, which is not installed; pip install "pamid[pages]"')
         self._files = {each.name: each.read_bytes() for each in files(__package__).iterdir() if _type(each.name)}
         listening = _listen(self.host, self.port)
         self.port = listening.getsockname()[1]
@@ -126,17 +118,14 @@ class PageServer:
     def close(self) -> None:
         """Show them no longer; harmless when not open."""
         thread, self._thread = self._thread, None
-        if thread is None or self._loop is None or self._closing is None:
-            return
-        with contextlib.suppress(RuntimeError):
-            self._loop.call_soon_threadsafe(self._closing.set)
-        thread.join(5.0)
+        if thread and self._loop and self._closing:
+            with contextlib.suppress(RuntimeError):
+                self._loop.call_soon_threadsafe(self._closing.set)
+            thread.join(5.0)
 
     # requests
 
     async def _serve(self, listening: socket.socket, opened: threading.Event) -> None:
-        from aiohttp import web
-
         async def protect(request: web.Request, response: web.StreamResponse) -> None:
             response.headers.update(HEADERS)
             with contextlib.suppress(web.HTTPException):
@@ -160,8 +149,6 @@ class PageServer:
 
     def _check(self, request: web.Request) -> None:
         """Refuse what another site asks for, under whatever name it reaches this computer."""
-        from aiohttp import web
-
         here = request.transport.get_extra_info("sockname")[0] if request.transport else ""
         names = {here, *([] if _is(self.host, "is_unspecified") else [self.host])}
         if _is(here, "is_loopback"):
@@ -174,16 +161,12 @@ class PageServer:
             raise web.HTTPForbidden(text="expected a request of these pages themselves, got one of another site\n")
 
     def _check_token(self, request: web.Request, role: str) -> None:
-        from aiohttp import web
-
         given = request.query.get("token", "")
         if not secrets.compare_digest(given.encode(), self._tokens[role].encode()):
             told = f"the {role}'s page opens at the address that the program printed when it began\n"
             raise web.HTTPForbidden(text=told)
 
     async def _send_file(self, request: web.Request) -> web.Response:
-        from aiohttp import web
-
         self._check(request)
         name = request.match_info["name"]
         if name in ROLES:
@@ -197,8 +180,6 @@ class PageServer:
 
     async def _attend(self, request: web.Request) -> web.StreamResponse:
         """Serve one page until it is closed."""
-        from aiohttp import WSMsgType, web
-
         self._check(request)
         role = request.match_info["role"]
         if role not in ROLES:
@@ -233,8 +214,9 @@ class PageServer:
     async def _tell(self, page: Socket) -> None:
         """Tell a page what is to be seen until it is closed."""
         try:
-            with contextlib.suppress(ConnectionError):
-                await self._tell_newest(page)
+            await self._tell_newest(page)
+        except ConnectionError:
+            pass
         except Exception:
             await page.connection.close(code=FAILED, message=b"the program failed to tell what is to be seen")
             raise
@@ -247,7 +229,7 @@ class PageServer:
                 answer = page.answers.popleft()
                 if answer["kind"] == "clock":
                     answer["sent_s"] = clock.now_s()
-                await page.connection.send_str(encode(answer))
+                await page.connection.send_str(_encode(answer))
             if self.session.number != number:
                 number, scene = self._tell_scene(page.role)
                 await page.connection.send_str(scene)
@@ -256,7 +238,8 @@ class PageServer:
                 moment = newest
                 if newest is not None:
                     page.on_the_way += 1
-                    await page.connection.send_str(encode(_describe_moment(newest)))
+                    told = {name: np.round(value, 5).tolist() for name, value in newest._asdict().items()}
+                    await page.connection.send_str(_encode({"kind": "moment", **told}))
             if time.monotonic() - asked_s >= BEAT_S:
                 asked_s = time.monotonic()
                 await page.connection.send_str('{"kind":"beat"}')
@@ -265,9 +248,6 @@ class PageServer:
 
     def _tell_scene(self, role: str) -> tuple[int, str]:
         """Return the scene's number and text; what is long in it is written once, as a rig waits for no page."""
-        told = self._told.get(role)
-        if told is not None and told[0] == self.session.number:
-            return told
         scene = {"kind": "scene", **self.session.see()}
         if role == "operator":
             scene["participant_url"] = self.address("participant")
@@ -275,11 +255,10 @@ class PageServer:
         for name, value in scene.items():
             known, text = self._encoded.get(name, (None, ""))
             if not isinstance(value, dict) or known is not value:
-                text = encode(value)
+                text = _encode(value)
                 self._encoded[name] = value, text
             parts.append(f'"{name}":{text}')
-        self._told[role] = scene["number"], "{" + ",".join(parts) + "}"
-        return self._told[role]
+        return scene["number"], "{" + ",".join(parts) + "}"
 
     def _hear(self, page: Socket, text: str) -> None:
         """Take a message of a page, or raise `Malformed` where no page sends such a one."""
@@ -289,9 +268,8 @@ class PageServer:
             message = None
         if not isinstance(message, dict):
             raise Malformed("expected a JSON object")
-        kind = message.get("kind")
+        kind, why = message.get("kind"), message.get("why")
         if kind == "stop":
-            why = message.get("why")
             told = why.strip()[:MOST_CHARACTERS] if isinstance(why, str) else ""
             self.session.stop(told or f"the {page.role} pressed stop")
         elif kind == "seen":
@@ -303,8 +281,15 @@ class PageServer:
                 self._decide(page.role, message)
             except Refused as error:
                 page.answers.append({"kind": "refused", "why": str(error)})
-        elif kind in ("drawn", "pointer") and page.role == "participant":
-            (self._draw if kind == "drawn" else self._point)(message)
+        elif kind == "drawn" and page.role == "participant":
+            self._draw(message)
+        elif kind == "pointer" and page.role == "participant":
+            joints = self.session.see()["machine"].get("joints", [])
+            angles = message.get("angle_rad")
+            if not isinstance(angles, list) or len(angles) != len(joints):
+                raise Malformed(f"pointer: expected {len(joints)} angles")
+            low, high = ([each[end] for each in joints] for end in ("lower_rad", "upper_rad"))
+            self.session.point(np.clip(np.array([*map(_number, angles)]), low, high))
         elif kind != "alive":
             raise Malformed("expected a kind of message that these pages send")
 
@@ -336,21 +321,8 @@ class PageServer:
         near = [each for each in frames if abs(each[0] - clock.now_s()) < MOST_OFF_S]
         self.session.draw(near, _number(message.get("starts_at_s")))
 
-    def _point(self, message: dict[str, Any]) -> None:
-        joints = self.session.see()["machine"].get("joints", [])
-        angles = message.get("angle_rad")
-        if not isinstance(angles, list) or len(angles) != len(joints):
-            raise Malformed(f"pointer: expected {len(joints)} angles")
-        low, high = ([each[end] for each in joints] for end in ("lower_rad", "upper_rad"))
-        self.session.point(np.clip(np.array([_number(each) for each in angles]), low, high))
 
-
-def _describe_moment(moment: Moment) -> dict[str, Any]:
-    """Return what a page is told of a sample."""
-    return {"kind": "moment", **{name: np.round(value, 5).tolist() for name, value in moment._asdict().items()}}
-
-
-def encode(value: Any) -> str:
+def _encode(value: Any) -> str:
     """Return a value as JSON that browsers read, with null for what is not a finite number."""
     write = partial(json.dumps, separators=(",", ":"), default=lambda each: each.tolist())
     try:
@@ -366,7 +338,6 @@ def _number(value: Any) -> float:
 
 
 def _listen(host: str, port: int) -> socket.socket:
-    """Return a socket that listens."""
     try:
         return socket.create_server((host, port), family=socket.AF_INET6 if ":" in host else socket.AF_INET)
     except OSError as error:

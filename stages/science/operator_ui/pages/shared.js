@@ -133,12 +133,23 @@ export function fit(canvas) {
   const ratio = devicePixelRatio || 1;
   const { clientWidth: width, clientHeight: height } = canvas;
   const [across, down] = [Math.round(width * ratio), Math.round(height * ratio)];
-  if (canvas.width !== across || canvas.height !== down) {
-    canvas.width = across;
-    canvas.height = down;
-  }
+  if (canvas.width !== across || canvas.height !== down) Object.assign(canvas, { width: across, height: down });
   canvas.getContext("2d").setTransform(ratio, 0, 0, ratio, 0, 0);
   return { width, height };
+}
+
+/** Draw a line through points; it has a gap where one is null. */
+export function drawLine(context, points) {
+  context.beginPath();
+  points.forEach((point, index) => point && context[index && points[index - 1] ? "lineTo" : "moveTo"](...point));
+  context.stroke();
+}
+
+/** Draw a disc, or the circle around it. */
+export function drawDisc(context, [x, y], radius, filled = true) {
+  context.beginPath();
+  context.arc(x, y, radius, 0, 2 * Math.PI);
+  context[filled ? "fill" : "stroke"]();
 }
 
 /** Return the row of a table at a time, on the line between its neighbours. */
