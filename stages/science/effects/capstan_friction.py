@@ -6,19 +6,17 @@ muscle's tip does not see it; the motion of the joint does.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from stages.science.effects import slide
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.plant.presliding import PRESLIDING
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the tension at the joint's end, N."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return signal * np.exp(-parameters["friction_times_wrap"] * slide(state, parameters))
 
 
@@ -56,7 +54,7 @@ EFFECT = ChainEffect(
     signature="force at the joint is short by a share of itself while the muscle shortens, and over while it lengthens",
     split_by="slow reversals at two pressures: the step at reversal grows with tension",
     relatives=("coulomb_friction", "stribeck_friction"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (

@@ -86,7 +86,7 @@ class Records:
         return replace(self, start_s=self.start_s[chosen], **taken)
 
 
-@dataclass(frozen=True)
+@dataclass
 class MuscleChannel(OutputChannel):
     """A channel of one muscle, named as what is measured of it; the signals needed tell where it is present."""
 
@@ -97,35 +97,13 @@ class MuscleChannel(OutputChannel):
     load_cell_site: Literal["muscle_tip", "joint_end"]
     limits: DetectionSettings
 
-    @property
-    def element(self) -> str:  # type: ignore[override]
-        """The muscle's name."""
-        return self.build.name
-
-    @property
-    def measured(self) -> Array:  # type: ignore[override]
-        """What the sensor showed."""
-        signal: Array = getattr(self.records, self.channel)
-        return signal
-
-    @property
-    def present(self) -> NDArray[np.bool_]:  # type: ignore[override]
-        """Where all that it needs was measured."""
-        present: NDArray[np.bool_] = np.logical_and.reduce([self.records.known[name] for name in self.needed])
-        return present
-
-    @property
-    def step_s(self) -> float:  # type: ignore[override]
-        """Time between samples, s."""
-        return self.records.step_s
-
-    @property
-    def start_s(self) -> Array:  # type: ignore[override]
-        """Start of each trial in the session, s."""
-        return self.records.start_s
+    def __post_init__(self) -> None:
+        records = self.records
+        self.element, self.step_s, self.start_s = self.build.name, records.step_s, records.start_s
+        self.measured = getattr(records, self.channel)
+        self.present = np.logical_and.reduce([records.known[name] for name in self.needed])
 
     def take(self, trials: Sequence[int]) -> Self:
-        """Return the output with some of its trials."""
         return replace(self, records=self.records.take(trials))
 
     def is_driven(self, least_kpa: float) -> bool:

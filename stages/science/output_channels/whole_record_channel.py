@@ -59,7 +59,7 @@ class _Group(NamedTuple):
     begun: InitialState
 
 
-@dataclass(frozen=True)
+@dataclass
 class WholeRecordChannel(OutputChannel):
     """Blocks of a machine's records.
 
@@ -93,35 +93,11 @@ class WholeRecordChannel(OutputChannel):
     limits: DetectionSettings
     jitters = False
 
-    @property
-    def channel(self) -> str:  # type: ignore[override]
-        """The answer's name, which ends in its unit."""
-        return self.plant.output
-
-    @property
-    def unit(self) -> str:  # type: ignore[override]
-        """The answer's unit."""
-        return own_unit(self.channel)
-
-    @property
-    def time_scale_s(self) -> float:  # type: ignore[override]
-        """Time of a usual movement, s."""
-        return self.plant.movement_s
-
-    @property
-    def constants(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        """Constants of the plant."""
-        return self.plant.parameters
-
-    @property
-    def resolution(self) -> float:  # type: ignore[override]
-        """What averaging samples may change in a motion, and rounding in any, as a share of its range."""
-        return (AVERAGED if self.averaged > 1 else ROUNDED) * self.range
-
-    @property
-    def other_starts(self) -> list[dict[str, float]]:  # type: ignore[override]
-        """The plant's."""
-        return self.plant.other_starts
+    def __post_init__(self) -> None:
+        plant = self.plant
+        self.channel, self.unit, self.time_scale_s = plant.output, own_unit(plant.output), plant.movement_s
+        self.constants, self.other_starts = plant.parameters, plant.other_starts
+        self.resolution = (AVERAGED if self.averaged > 1 else ROUNDED) * self.range
 
     @property
     def forms(self) -> tuple[EffectForm, ...]:
