@@ -67,7 +67,6 @@ CABLE = ChainEffect(
     apply=_apply,
 )
 
-
 SLIDER = DynamicEffect(
     name="coulomb_friction",
     form="slider",
@@ -82,7 +81,6 @@ SLIDER = DynamicEffect(
     relatives=("hysteresis", "viscous_friction"),
     terms=name_terms(coulomb="share", sliding="sliding"),
 )
-
 
 YIELDING_SLIDER = replace(
     SLIDER,

@@ -36,7 +36,6 @@ EFFECT = ChainEffect(
     apply=_apply,
 )
 
-
 DUFFING = DynamicEffect(
     name="cubic_stiffness",
     form="duffing",
@@ -46,7 +45,7 @@ DUFFING = DynamicEffect(
             "share", "1", -0.9, 10.0, 0.0, 0.5, "deceleration at one scale, scales per squared pace", (0.1, -0.05)
         ),
     ),
-    source="Kovacic, Brennan, The Duffing equation: nonlinear oscillators and their behaviour (2011)",
+    source=EFFECT.source,
     signature="the resonance bends towards higher frequency as the motion grows, and lower where the spring softens",
     split_by="a slow sweep through the resonance at a small and a large input",
     relatives=(),

@@ -75,7 +75,6 @@ EFFECT = ChainEffect(
     apply=_apply,
 )
 
-
 BOUC_WEN_SPRING = DynamicEffect(
     name="hysteresis",
     form="bouc_wen_spring",
@@ -152,7 +151,6 @@ TWO_PLAYS_ELEMENT = replace(
     apply=_apply_two_plays_to_element,
     scales=False,
 )
-
 
 PLAYING_LAG = DynamicEffect(
     name="hysteresis",

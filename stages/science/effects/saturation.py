@@ -47,7 +47,6 @@ EFFECT = ChainEffect(
     apply=_apply,
 )
 
-
 FARTHEST = 1e6
 """Scales within which an end may lie: signals may be small beside their offset."""
 ENDS = (
@@ -102,7 +101,6 @@ READING = replace(
     terms=_end_reading,
 )
 
-
 TANK_READING = replace(
     READING,
     form="tank_reading",
@@ -111,7 +109,6 @@ TANK_READING = replace(
     split_by="a gauge on the glass beside the sensor",
     relatives=("overflow",),
 )
-
 
 FULL_TANK = replace(
     TANK_READING,

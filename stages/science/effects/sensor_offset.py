@@ -34,7 +34,6 @@ EFFECT = ChainEffect(
     apply=_apply,
 )
 
-
 OSCILLATOR = DynamicEffect(
     name="sensor_offset",
     form="motion",

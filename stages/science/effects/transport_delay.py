@@ -31,7 +31,6 @@ EFFECT = ChainEffect(
     apply=_apply,
 )
 
-
 LATE_INPUT = DynamicEffect(
     name="transport_delay",
     form="late_input",
@@ -45,7 +44,6 @@ LATE_INPUT = DynamicEffect(
     relatives=(),
     terms=name_terms(delay="periods"),
 )
-
 
 LATE_LAG = DynamicEffect(
     name="transport_delay",

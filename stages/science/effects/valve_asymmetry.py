@@ -39,7 +39,6 @@ EFFECT = ChainEffect(
     apply=_apply,
 )
 
-
 UNEQUAL_LAG = DynamicEffect(
     name="valve_asymmetry",
     form="lag",

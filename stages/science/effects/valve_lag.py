@@ -31,7 +31,6 @@ EFFECT = ChainEffect(
     apply=_apply,
 )
 
-
 SECOND_LAG = DynamicEffect(
     name="valve_lag",
     form="lag",

@@ -59,7 +59,6 @@ EFFECT = ChainEffect(
     apply=_apply,
 )
 
-
 LIMITED_LAG = DynamicEffect(
     name="valve_rate_limit",
     form="lag",

@@ -54,7 +54,6 @@ EFFECT = ChainEffect(
     apply=_apply,
 )
 
-
 DAMPED_MOTION = DynamicEffect(
     name="viscous_friction",
     form="linear_damping",
@@ -68,7 +67,6 @@ DAMPED_MOTION = DynamicEffect(
     relatives=("coulomb_friction",),
     terms=name_terms(damping="share"),
 )
-
 
 QUADRATIC = DynamicEffect(
     name="viscous_friction",

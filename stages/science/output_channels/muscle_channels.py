@@ -49,32 +49,22 @@ class Build:
 
 @dataclass(frozen=True)
 class Records:
-    """Trials of one muscle, gaps filled; (T, K) arrays, and (K,) for the trials' starts.
-
-    Parameters
-    ----------
-    start_s : (K,) ndarray
-        Start of each trial in the session, s.
-    command_kpa, pressure_kpa, contraction, velocity_per_s, force_n : (T, K) ndarray
-        As measured; where a gap was, a bridge.
-    smooth_pressure_kpa : (T, K) ndarray
-        Pressure without most of its sensor's noise.
-    known : mapping of str to (T, K) ndarray of bool
-        By signal, where it was measured.
-    others : mapping of str to (T, K) ndarray
-        Signals of other muscles and joints.
-    """
+    """Trials of one muscle as measured, gaps bridged; (T, K) arrays, and (K,) for the trials' starts."""
 
     step_s: float
     start_s: Array
+    """Start of each trial in the session, s."""
     command_kpa: Array
     pressure_kpa: Array
     contraction: Array
     velocity_per_s: Array
     force_n: Array
     smooth_pressure_kpa: Array
+    """Pressure without most of its sensor's noise."""
     known: Mapping[str, NDArray[np.bool_]]
+    """By signal, where it was measured."""
     others: Mapping[str, Array]
+    """Signals of other muscles and joints."""
 
     def take(self, trials: Sequence[int]) -> Records:
         """Return some of the trials."""
@@ -104,6 +94,7 @@ class MuscleChannel(OutputChannel):
         self.present = np.logical_and.reduce([records.known[name] for name in self.needed])
 
     def take(self, trials: Sequence[int]) -> Self:
+        """Return the output with some of its trials."""
         return replace(self, records=self.records.take(trials))
 
     def is_driven(self, least_kpa: float) -> bool:
