@@ -15,6 +15,8 @@ from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.plant.presliding import PRESLIDING
 from stages.science.signals.trajectories import Array
 
+BEND, SLIDES = "friction coefficient times the sheath's total bend", "contraction velocity at which the cable slides"
+
 
 def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return signal * np.exp(-parameters["friction_times_wrap"] * slide(state, parameters))
@@ -26,26 +28,8 @@ EFFECT = ChainEffect(
     site="transmission",
     signal="tension_n",
     parameters=(
-        Parameter(
-            "friction_times_wrap",
-            "1",
-            0.0,
-            1.0,
-            0.12,
-            0.08,
-            "friction coefficient times the sheath's total bend",
-            (0.1, 0.35),
-        ),
-        Parameter(
-            "sliding_per_s",
-            "1/s",
-            0.001,
-            0.02,
-            0.01,
-            0.01,
-            "contraction velocity at which the cable slides",
-            (0.003, 0.01),
-        ),
+        Parameter("friction_times_wrap", "1", 0.0, 1.0, 0.12, 0.08, BEND, (0.1, 0.35)),
+        Parameter("sliding_per_s", "1/s", 0.001, 0.02, 0.01, 0.01, SLIDES, (0.003, 0.01)),
     ),
     source=(
         "Kaneko, Yamashita, Tanie, Basic considerations on transmission characteristics for tendon drive robots, "

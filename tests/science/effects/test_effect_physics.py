@@ -99,16 +99,12 @@ def test_an_effect_without_memory_is_its_law(form, where, parameters, law):
     assert np.abs(bent - plain).max() > 1e-3 * FULL
 
 
-def test_a_law_is_that_of_the_muscles_own_size():
+def test_a_law_is_that_of_the_muscles_own_size_and_the_joints_end_alone_sees_cable_friction():
     velocity, full = np.array([-0.1, 0.0, 0.1]), constants(1, "pam2").full_force_n[0]
     bent, plain = force("coulomb_friction-cable", 300.0, 0.1, velocity, "pam2", share=0.02, sliding_per_s=1e-3)
     assert bent - plain == pytest.approx([0.02 * full, 0.0, -0.02 * full])
-
-
-@pytest.mark.parametrize("form", ["capstan_friction", "coulomb_friction-cable", "stribeck_friction"])
-def test_the_joints_end_alone_sees_cable_friction(form):
-    at_tip, plain = force(form, 300.0, 0.1, V, site="muscle_tip")
-    assert np.array_equal(at_tip, plain)
+    for form in ("capstan_friction", "coulomb_friction-cable", "stribeck_friction"):
+        assert np.array_equal(*force(form, 300.0, 0.1, V, site="muscle_tip"))
 
 
 FLAT, WARMING = np.full(400, 200.0), {"drift_kpa": 5.0, "tau_s": 300.0}
