@@ -24,14 +24,7 @@ def list_tests(root: Path) -> list[str]:
 def rank_tests(root: Path, file: str, within: str = "") -> list[str]:
     """Return all test files, those nearest to a place in a module first; those outside the README's line last.
 
-    Parameters
-    ----------
-    root : Path
-        The project's folder.
-    file : str
-        The module's file, from there.
-    within : str
-        Dotted name of a function in it.
+    `file` is from the project's folder, and `within` the dotted name of a function in it.
     """
     module = _name_module(file).removesuffix(".__init__")
     folder = "tests/" + Path(file).parent.as_posix().removeprefix("stages/") + "/"

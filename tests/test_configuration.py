@@ -128,34 +128,23 @@ def test_as_many_trials_as_one_likes_where_trajectories_may_be_reused():
     validated("active_loop.reuse_trajectories=true", "active_loop.trials=39", "bank.trajectories=2")
 
 
-@pytest.mark.parametrize(
-    ("budget", "plant", "participant", "chosen"),
-    [
-        ("full", "nominal", "p1", ["p1"]),
-        ("tiny", "rich", "p2", ["p2"]),
-        ("full", "rich", "both", ["p1", "p2"]),
-        ("tiny", "nominal", "both", ["p1", "p2"]),
-    ],
-)
-def test_accepts_every_option(budget, plant, participant, chosen):
+@pytest.mark.parametrize("options", ["full nominal p1", "tiny rich p2", "full rich both", "tiny nominal both"])
+def test_accepts_every_option(options):
+    budget, plant, participant = options.split()
     study, stages = validated(f"budget={budget}", f"plant={plant}", f"participant={participant}")
-    assert list(study.values["participants"]) == chosen
+    assert list(study.values["participants"]) == (["p1", "p2"] if participant == "both" else [participant])
     assert stages[0].name == "bank"
 
 
-def test_every_option_of_every_group_is_explained():
+def test_every_file_of_the_configuration_begins_with_a_comment_and_every_key_of_the_project_has_one():
+    silent = []
     for path in (ROOT / "conf").rglob("*.yaml"):
         lines = path.read_text().splitlines()
         comments = [line for line in lines[:2] if line.startswith("# ") and not line.startswith("# @package")]
         assert comments, f"{path} begins without a comment that says what it is"
-
-
-def test_every_key_of_the_project_has_a_comment():
-    silent = []
-    for path in (ROOT / "conf").rglob("*.yaml"):
         if "hydra" in path.parts or path.parent.name == "budget":
             continue
-        for number, line in enumerate(path.read_text().splitlines(), start=1):
+        for number, line in enumerate(lines, start=1):
             key, _, value = line.partition(":")
             is_value = value.strip() and not line.lstrip().startswith(("#", "- ", "_target_"))
             is_value = is_value and not value.strip().startswith(("${", "{low", "{name"))

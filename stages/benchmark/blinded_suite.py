@@ -9,7 +9,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -120,85 +120,76 @@ def blinded_suite(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     names = cfg.blinded_suite.sessions or list(ctx.device.catalogue())
     if len(set(names)) < len(names):
         raise ConfigError("blinded_suite.sessions: expected each name once; leave out what is there twice")
-    jobs = [Job(cfg.discrepancy, ctx, name, cfg.blinded_suite.further_trials) for name in names]
-    with ctx.progress("sessions", len(jobs)) as advance:
-        for job, key in zip(jobs, ctx.spread(Job.run, jobs), strict=True):
-            ctx.record.include([key])
-            advance(job.name)
+    with ctx.progress("sessions", len(names)) as advance:
+        for name, part in zip(names, ctx.spread(partial(_land, cfg, ctx), names), strict=True):
+            ctx.record.include([part])
+            advance(name)
     return ctx.record.collect()
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """One session to be searched."""
+def _land(cfg: Config, ctx: Context, name: str) -> str:
+    """Search a session, land its part and return the part's name."""
+    ctx.record.part((name,), partial(_search, cfg, ctx, name))
+    return ctx.record.name((name,))
 
-    settings: DiscrepancySettings
-    ctx: Context
-    name: str
-    further_trials: int
 
-    def run(self) -> str:
-        """Search the session, land its part and return the part's name."""
-        self.ctx.record.part((self.name,), self.search)
-        return self.ctx.record.name((self.name,))
+def _search(cfg: Config, ctx: Context, name: str) -> dict[str, pd.DataFrame]:
+    """Return the rows of a session."""
+    settings, further_trials = cfg.discrepancy, cfg.blinded_suite.further_trials
+    recorded = ctx.device.record(name, further_trials)
+    samples = recorded.samples
+    first = samples["trial"].isin(np.unique(samples["trial"])[:-further_trials])
+    tables = tabulate_session(samples[first], recorded.meta, name)
+    outputs = build_muscle_channels(tables, settings)
+    test = choose_verification(len(tables.measured_trials), settings.verification_share)
+    judged = judge(outputs, test, settings, lambda *purpose: ctx.generator(name, *purpose))
+    whole = build_muscle_channels(tabulate_session(samples, recorded.meta, name), settings)
+    further = list(range(whole[0].trials - further_trials, whole[0].trials))
+    gain, low, high = judged.compare_further(whole, further, settings.level)
+    row = {
+        "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0]),
+        "further_gain": gain,
+        "further_gain_low": low,
+        "further_gain_high": high,
+        **_measure(judged, recorded.truth, ctx.generator(name, "told")),
+    }
+    named = list_named(judged.decision.effects)
+    rows: dict[str, Any] = {
+        BLIND_SESSIONS.name: [row],
+        BLIND_TRUTH.name: _list_hidden(recorded.truth),
+        BLIND_NAMED.name: [{**each, "not_excluded": each["indistinguishable_from"]} for each in named],
+        BLIND_RANKING.name: _list_ranking(judged, settings.search.most_confounded),
+    }
+    return {
+        table.name: pd.DataFrame(rows[table.name]).assign(session=name).reindex(columns=list(table.columns))
+        for table in blinded_suite.writes
+    }
 
-    def search(self) -> dict[str, pd.DataFrame]:
-        """Return the rows of this session."""
-        recorded = self.ctx.device.record(self.name, self.further_trials)
-        samples = recorded.samples
-        first = samples["trial"].isin(np.unique(samples["trial"])[: -self.further_trials])
-        tables = tabulate_session(samples[first], recorded.meta, self.name)
-        outputs = build_muscle_channels(tables, self.settings)
-        test = choose_verification(len(tables.measured_trials), self.settings.verification_share)
-        judged = judge(outputs, test, self.settings, lambda *purpose: self.ctx.generator(self.name, *purpose))
-        row: dict[str, Any] = {
-            "session": self.name,
-            "load_cell_site": str(tables.measured_session["load_cell_site"].iloc[0]),
-        }
-        whole = build_muscle_channels(tabulate_session(samples, recorded.meta, self.name), self.settings)
-        further = list(range(whole[0].trials - self.further_trials, whole[0].trials))
-        gain, low, high = judged.compare_further(whole, further, self.settings.level)
-        row |= {"further_gain": gain, "further_gain_low": low, "further_gain_high": high}
-        rows: dict[str, Any] = {
-            BLIND_SESSIONS.name: [{**row, **self.measure(judged, recorded.truth)}],
-            BLIND_TRUTH.name: _list_hidden(recorded.truth),
-            BLIND_NAMED.name: [
-                {**row, "not_excluded": row["indistinguishable_from"]} for row in list_named(judged.decision.effects)
-            ],
-            BLIND_RANKING.name: _list_ranking(judged, self.settings.search.most_confounded),
-        }
-        return {
-            table.name: pd.DataFrame(rows[table.name]).assign(session=self.name).reindex(columns=list(table.columns))
-            for table in blinded_suite.writes
-        }
 
-    def measure(self, judged: Judgement, truth: Mapping[str, Any]) -> dict[str, Any]:
-        """Return what was said, and the gaps of the channels in which something was hidden, or of all."""
-        hidden = truth["effects"]
-        channels = {each["channel"] for each in hidden} or {output.channel for output in judged.outputs}
-        where = judged.unexplained
-        return {
-            "kind": _classify_session(truth, {output.element for output in judged.outputs}),
-            "asked": truth["scenario"]["magnitude"] if hidden else "none",
-            "status": judged.decision.status,
-            "unknown": min(judged.decision.unknown, 1.0),
-            "unexplained_channel": where,
-            "unexplained_share": judged.decision.remainders[where].share,
-            "family": judged.decision.remainders[where].family,
-            "before": judged.gap(judged.decision.steps[0], channels),
-            "after": judged.gap(judged.decision.steps[-1], channels),
-            "oracle": self.reach(judged, truth, channels),
-            "floor": judged.floor(channels),
-        }
+def _measure(judged: Judgement, truth: Mapping[str, Any], generator: np.random.Generator) -> dict[str, Any]:
+    """Return what was said, and the gaps of the channels in which something was hidden, or of all.
 
-    def reach(self, judged: Judgement, truth: Mapping[str, Any], channels: set[str]) -> float:
-        """Return the gap that is left when the true names are told; nan where the library lacks one."""
-        names = {str(each["name"]) for each in truth["effects"]}
-        known = {form.name for output in judged.outputs for form in output.forms}
-        if not names or not names <= known:
-            return math.nan
-        knowing = search_with_truth(judged, names, self.ctx.generator(self.name, "told"))
-        return judged.gap(knowing.steps[-1], channels)
+    The gap with the true names told is nan where the library lacks one.
+    """
+    hidden, decision, oracle = truth["effects"], judged.decision, math.nan
+    channels = {each["channel"] for each in hidden} or {output.channel for output in judged.outputs}
+    names = {str(each["name"]) for each in hidden}
+    if names and names <= {form.name for output in judged.outputs for form in output.forms}:
+        oracle = judged.gap(search_with_truth(judged, names, generator).steps[-1], channels)
+    where = judged.unexplained
+    return {
+        "kind": _classify_session(truth, {output.element for output in judged.outputs}),
+        "asked": truth["scenario"]["magnitude"] if hidden else "none",
+        "status": decision.status,
+        "unknown": min(decision.unknown, 1.0),
+        "unexplained_channel": where,
+        "unexplained_share": decision.remainders[where].share,
+        "family": decision.remainders[where].family,
+        "before": judged.gap(decision.steps[0], channels),
+        "after": judged.gap(decision.steps[-1], channels),
+        "oracle": oracle,
+        "floor": judged.floor(channels),
+    }
 
 
 def _classify_session(truth: Mapping[str, Any], muscles: set[str]) -> str:

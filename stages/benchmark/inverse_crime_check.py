@@ -7,8 +7,8 @@ the same equations, and naming the effect proves little; unless there is but one
 
 from __future__ import annotations
 
-from collections.abc import Sequence
-from dataclasses import dataclass
+from collections.abc import Mapping
+from functools import partial
 from typing import Annotated, Any
 
 import numpy as np
@@ -21,9 +21,8 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.recording.datasets import tabulate_session
-from stages.science.scorecard.exactness import explain_exactly
+from stages.science.scorecard.judgement import explain_exactly
 
 INVERSE_CRIME_CHECK = Table(
     "inverse_crime_check",
@@ -65,59 +64,40 @@ def inverse_crime_check(cfg: Config, ctx: Context) -> pd.DataFrame:
     """Fit every form of its true name to each effect without noise."""
     chosen = cfg.inverse_crime_check.effects
     told = [each for each in ctx.device.effects() if not each["outsider"] and (chosen is None or each["key"] in chosen)]
-    jobs = [Job(cfg, ctx, str(each["key"]), str(each["name"]), bool(each["only_form"])) for each in told]
-    with ctx.progress("effects", len(jobs)) as advance:
-        for job, key in zip(jobs, ctx.spread(Job.run, jobs), strict=True):
-            ctx.record.include([key])
-            advance(job.key)
+    with ctx.progress("effects", len(told)) as advance:
+        for each, part in zip(told, ctx.spread(partial(_land, cfg, ctx), told), strict=True):
+            ctx.record.include([part])
+            advance(each["key"])
     return ctx.record.collect()[INVERSE_CRIME_CHECK.name]
 
 
-@dataclass(frozen=True, eq=False)
-class Job:
-    """One effect of the rig."""
+def _land(cfg: Config, ctx: Context, told: Mapping[str, Any]) -> str:
+    """Fit the forms to an effect of the rig, land the part and return its name."""
+    key = (told["key"],)
+    ctx.record.part(key, lambda: {INVERSE_CRIME_CHECK.name: _compare(cfg, ctx, told)})
+    return ctx.record.name(key)
 
-    cfg: Config
-    ctx: Context
-    key: str
-    name: str
-    only_form: bool
 
-    def run(self) -> str:
-        """Fit the forms, land the part and return its name."""
-        self.ctx.record.part((self.key,), lambda: {INVERSE_CRIME_CHECK.name: self.compare()})
-        return self.ctx.record.name((self.key,))
-
-    def compare(self) -> pd.DataFrame:
-        """Return a row for each form of the true name that acts in the effect's channel."""
-        with_it, without = self.ctx.device.record_quietly(self.key)
-        channel = with_it.truth["effects"][0]["channel"]
-        pairs = list(zip(self.build(with_it, channel), self.build(without, channel), strict=True))
-        rows = [self.measure(form, pairs) for form in pairs[0][0].forms if form.name == self.name]
-        found = pd.DataFrame(rows, columns=list(INVERSE_CRIME_CHECK.columns))
-        if found.empty:
-            return found
-        best = found["share"] == found["share"].min()
-        same = best & (found["share"] < self.cfg.inverse_crime_check.least_share) & (not self.only_form)
-        return found.assign(best=best, same_code=same)
-
-    def build(self, session: Any, channel: str) -> list[OutputChannel]:
-        """Return the outputs of one channel."""
-        tables = tabulate_session(session.samples, session.meta, self.key)
-        outputs = build_muscle_channels(tables, self.cfg.discrepancy)
-        return [output for output in outputs if output.channel == channel]
-
-    def measure(self, form: EffectForm, pairs: Sequence[tuple[OutputChannel, OutputChannel]]) -> dict[str, Any]:
-        """Return the row of one form, root mean squares over muscles."""
+def _compare(cfg: Config, ctx: Context, told: Mapping[str, Any]) -> pd.DataFrame:
+    """Return a row for each form of the true name that acts in the effect's channel."""
+    key, name, only_form = str(told["key"]), str(told["name"]), bool(told["only_form"])
+    sessions = ctx.device.record_quietly(key)
+    channel = sessions[0].truth["effects"][0]["channel"]
+    tables = [tabulate_session(session.samples, session.meta, key) for session in sessions]
+    pairs = [
+        pair
+        for pair in zip(*(build_muscle_channels(each, cfg.discrepancy) for each in tables), strict=True)
+        if pair[0].channel == channel
+    ]
+    rows = []
+    for form in [form for form in pairs[0][0].forms if form.name == name]:
         sizes = np.array([explain_exactly(form, *pair) for pair in pairs])
         effect, left = (float(each) for each in np.sqrt((sizes**2).mean(axis=0)))
-        return {
-            "key": self.key,
-            "name": self.name,
-            "form": form.form,
-            "channel": pairs[0][0].channel,
-            "effect": effect,
-            "left": left,
-            "share": left / effect if effect > 0.0 else 0.0,
-            "only_form": self.only_form,
-        }
+        row = {"key": key, "name": name, "form": form.form, "channel": channel, "only_form": only_form}
+        rows.append({**row, "effect": effect, "left": left, "share": left / effect if effect > 0.0 else 0.0})
+    found = pd.DataFrame(rows, columns=list(INVERSE_CRIME_CHECK.columns))
+    if found.empty:
+        return found
+    best = found["share"] == found["share"].min()
+    same = best & (found["share"] < cfg.inverse_crime_check.least_share) & (not only_form)
+    return found.assign(best=best, same_code=same)

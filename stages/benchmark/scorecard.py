@@ -115,13 +115,6 @@ RELIABILITY = Table(
 Share = Annotated[float, Field(ge=0.0, le=1.0)]
 
 
-class NameClass(Section):
-    """Names that count as one."""
-
-    names: Annotated[list[str], Field(min_length=2, max_length=3)]
-    reason: str
-
-
 class Targets(Section):
     """Shares to be reached, or not to be passed."""
 
@@ -140,41 +133,23 @@ class Targets(Section):
     two_names: Share
 
 
-class Scorecard(Section):
+class Scorecard(Rules, Section):
     """Config group ``scorecard``."""
 
-    smallest_gap: Annotated[float, Field(gt=1.0, le=10.0)]
-    most_confounded: Annotated[float, Field(gt=0.5, lt=1.0)]
-    magnitudes: dict[str, Annotated[float, Field(ge=1.0)]]
-    least_closable: Annotated[float, Field(ge=0.0, lt=1.0)]
     confident: Share
     level: Annotated[float, Field(gt=0.5, lt=1.0)]
     reliability_edges: Annotated[list[Share], Field(min_length=2)]
-    classes: list[NameClass]
     targets: Targets
 
     @model_validator(mode="after")
     def _order(self) -> Self:
-        for name, values in (
-            ("reliability_edges", self.reliability_edges),
-            ("magnitudes", list(self.magnitudes.values())),
-        ):
+        growing = {"reliability_edges": self.reliability_edges, "magnitudes": list(self.magnitudes.values())}
+        for name, values in growing.items():
             if any(later <= earlier for earlier, later in pairwise(values)):
                 raise ValueError(f"{name}: expected growing numbers, got {values}")
         for each in {*self.targets.named_first, *self.targets.closed} - set(self.magnitudes):
             raise ValueError(f"targets: no magnitude '{each}'; there are {', '.join(self.magnitudes)}")
         return self
-
-    @property
-    def rules(self) -> Rules:
-        """As scoring takes them."""
-        return Rules(
-            self.smallest_gap,
-            self.most_confounded,
-            self.magnitudes,
-            self.least_closable,
-            tuple(frozenset(each.names) for each in self.classes),
-        )
 
 
 class Config(Section):
@@ -195,23 +170,18 @@ def scorecard(
 ) -> dict[str, pd.DataFrame]:
     """Compare what was said of every session with what was hidden in it."""
     section = cfg.scorecard
-    scored = score(blind_sessions, blind_truth, blind_named, blind_ranking, section.rules)
+    scored = score(blind_sessions, blind_truth, blind_named, blind_ranking, section)
     sessions = pd.DataFrame(scored, columns=list(SCORECARD_SESSIONS.columns))
-    said = list_said(blind_truth, blind_named, section.rules)
+    said = list_said(blind_truth, blind_named, section)
     rows = [*_list_rates(sessions, section), _rate_calibration(said, section, ctx.generator("names"))]
     rates = pd.DataFrame([{**each, "met": _is_met(each)} for each in rows], columns=list(SCORECARD.columns))
     reliability = pd.DataFrame(_tabulate_reliability(said, section), columns=list(RELIABILITY.columns))
-    ctx.figure(
-        "scorecard",
-        draw_rates(rates),
-        f"Each share with its {section.level:.0%} interval, and the target; faults, which should stay below, are open.",
-    )
+    level = f"{section.level:.0%}"
+    told = f"Each share with its {level} interval, and the target; faults, which should stay below, are open."
+    ctx.figure("scorecard", draw_rates(rates), told)
     ctx.figure("confusion", draw_confusion(sessions), "What was named first, by what was hidden; shares of sessions.")
-    ctx.figure(
-        "reliability",
-        draw_reliability_of_names(reliability),
-        f"Share of right names against the probability that was said, with {section.level:.0%} intervals.",
-    )
+    told = f"Share of right names against the probability that was said, with {level} intervals."
+    ctx.figure("reliability", draw_reliability_of_names(reliability), told)
     return {
         SCORECARD.name: rates,
         SCORECARD_CELLS.name: pd.DataFrame(_list_cells(sessions), columns=list(SCORECARD_CELLS.columns)),
@@ -278,18 +248,11 @@ def _list_cells(sessions: pd.DataFrame) -> list[dict[str, Any]]:
             wrong = wrong[wrong["status"] != "unexplained"]
         said = Counter(wrong["named"].where(wrong["named"] != "", wrong["status"]))
         counts = ("right_name", "right_class", "right_muscles", "all_named", "listed_absorbed")
-        rows.append(
-            {
-                "kind": kind,
-                "hidden": hidden,
-                "magnitude": size,
-                "n": len(its),
-                **{name: int(its[name].sum()) for name in counts},
-                "unexplained": int((its["status"] == "unexplained").sum()),
-                "closed_share": float(its["closed_share"].median()),
-                "said_instead": ", ".join(f"{name} {count}" for name, count in said.most_common()),
-            }
-        )
+        row = {"kind": kind, "hidden": hidden, "magnitude": size, "n": len(its)}
+        row |= {name: int(its[name].sum()) for name in counts}
+        row |= {"unexplained": int((its["status"] == "unexplained").sum())}
+        row |= {"closed_share": float(its["closed_share"].median())}
+        rows.append({**row, "said_instead": ", ".join(f"{name} {count}" for name, count in said.most_common())})
     return rows
 
 
@@ -311,9 +274,8 @@ def _find_calibration_error(reliability: list[dict[str, Any]]) -> float:
     Source: Naeini, Cooper and Hauskrecht, Obtaining well calibrated probabilities using Bayesian binning, AAAI 2015.
     """
     told = [each for each in reliability if each["n"]]
-    if not told:
-        return math.nan
-    return sum(each["n"] * abs(each["said"] - each["right"]) for each in told) / sum(each["n"] for each in told)
+    off = sum(each["n"] * abs(each["said"] - each["right"]) for each in told)
+    return off / sum(each["n"] for each in told) if told else math.nan
 
 
 def _tabulate_reliability(named: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
@@ -324,15 +286,6 @@ def _tabulate_reliability(named: pd.DataFrame, section: Scorecard) -> list[dict[
         inside = (named["probability"] >= low) & ((named["probability"] < high) | last)
         its = named[inside]
         value, least, most = bound_rate(its["right"].to_numpy(dtype=bool), section.level)
-        rows.append(
-            {
-                "from_probability": low,
-                "to_probability": high,
-                "n": len(its),
-                "said": float(its["probability"].mean()),
-                "right": value,
-                "low": least,
-                "high": most,
-            }
-        )
+        row = {"from_probability": low, "to_probability": high, "n": len(its), "said": float(its["probability"].mean())}
+        rows.append({**row, "right": value, "low": least, "high": most})
     return rows

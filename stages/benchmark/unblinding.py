@@ -88,17 +88,9 @@ def _compare(
         channel, muscle = str(row["channel"]), str(row["muscle"])
         true = [each["name"] for each in hidden if each["channel"] == channel and muscle in each["muscles"]]
         here = said[(said["channel"] == channel) & (said["muscle"] == muscle)]["name"]
-        rows.append(
-            {
-                "muscle": muscle,
-                "channel": channel,
-                "hidden": "+".join(true),
-                "named": "+".join(here),
-                "right": set(true) == set(here),
-                "hidden_gap_over_floor": float(gaps[channel][muscle]),
-                "found_gap_over_floor": float(row["gap_over_floor"]),
-            }
-        )
+        named = {"muscle": muscle, "channel": channel, "hidden": "+".join(true), "named": "+".join(here)}
+        told = {"hidden_gap_over_floor": gaps[channel][muscle], "found_gap_over_floor": row["gap_over_floor"]}
+        rows.append({**named, "right": set(true) == set(here), **told})
     return rows
 
 
@@ -110,15 +102,16 @@ def _describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, 
     first = said.drop_duplicates("order")
     if first.empty:
         return f"Nothing was named, which is {'wrong' if true else 'right'}."
-    names = " and ".join(
-        f"{_in_words(name)} ({p:.2f})" for name, p in zip(first["name"], first["probability"], strict=True)
-    )
+    said_so = zip(first["name"], first["probability"], strict=True)
+    names = " and ".join(f"{_in_words(name)} ({p:.2f})" for name, p in said_so)
     like = set(str(first["indistinguishable_from"].iloc[0]).split(","))
-    verdict = (
-        "right" if set(first["name"]) == true else "right in the first place" if first["name"].iloc[0] in true else ""
-    )
-    doubt = "not the truth, which was told not to be excluded" if like & true else "wrong"
-    return f"Named was {names}, which is {verdict or doubt}."
+    if set(first["name"]) == true:
+        verdict = "right"
+    elif first["name"].iloc[0] in true:
+        verdict = "right in the first place"
+    else:
+        verdict = "not the truth, which was told not to be excluded" if like & true else "wrong"
+    return f"Named was {names}, which is {verdict}."
 
 
 def _in_words(name: object) -> str:

@@ -10,48 +10,25 @@ import pytest
 from pipeline.errors import InputError
 from stages.benchmark.blinded_rig.dataset import write
 from stages.benchmark.blinded_rig.sessions import HiddenSessions
-from stages.science.discrepancy.muscle_dataset import build_muscle_channels
-from stages.science.discrepancy.settings import choose_verification
-from stages.science.recording.datasets import tabulate_session
-from stages.science.scorecard.judgement import judge
-from tests.science.discrepancy.searches import DISCREPANCY
+from tests.benchmark.test_verdicts import judge_session
 from tests.studies import read_stages, run_stage
 
-STAGES = (
-    "blinded_session",
-    "measurement",
-    "locate_gap",
-    "name_effect",
-    "amend_model",
-    "explain_remainder",
-    "verify_gap",
-    "unblinding",
-)
-GROUPS = (
-    "rig=hidden",
-    "+discrepancy=default",
-    "+measurement=muscles",
-    "+measured=null",
-    "rig.trials=3",
-    "seed=5",
-    "+explain_remainder=default",
-)
+STAGES = ["blinded_session", "measurement", "locate_gap", "name_effect", "amend_model", "explain_remainder"]
+STAGES += ["verify_gap", "unblinding"]
+MUSCLES = "+measurement=muscles"
+DEFAULT = ("+discrepancy=default", "+explain_remainder=default")
+RIG = HiddenSessions(5, None, None, None, 3)
 
 
 @pytest.fixture(scope="module")
-def rig():
-    return HiddenSessions(5, None, None, None, 3)
-
-
-@pytest.fixture(scope="module")
-def session(rig):
-    return rig.record()
+def session():
+    return RIG.record()
 
 
 @pytest.fixture(scope="module")
 def whole():
     """The study of the whole demonstration, and its stages."""
-    return read_stages(STAGES, *GROUPS)
+    return read_stages(STAGES, "rig=hidden", "rig.trials=3", "seed=5", MUSCLES, "+measured=null", *DEFAULT)
 
 
 @pytest.fixture(scope="module")
@@ -62,18 +39,16 @@ def recorded(whole, tmp_path_factory):
     return {**tables, **run_stage(study, stages["measurement"], folder, tables)}
 
 
-def test_the_seal_tells_nothing_but_whether_the_truth_was_changed(rig, session, recorded):
+def test_the_seal_tells_nothing_but_whether_the_truth_was_changed(session, recorded):
     truth = json.dumps(session.truth, sort_keys=True)
     assert recorded["seal"]["sha256"].item() == sha256(truth.encode()).hexdigest()
     text = " ".join(frame.astype(str).to_csv() for frame in recorded.values() if len(frame) < 1000)
-    assert not any(name in text for name in ("friction", "hysteresis", "creep", *rig.hidden.effects))
+    assert not any(name in text for name in ("friction", "hysteresis", "creep", *RIG.hidden.effects))
 
 
 def test_a_session_is_measured_as_its_folder_would_be(session, recorded, tmp_path):
     write(session, tmp_path / "session")
-    study, stages = read_stages(
-        ["measurement"], *GROUPS[2:3], f"+measured={tmp_path / 'session'}", "+rig.none=1", "~rig"
-    )
+    study, stages = read_stages(["measurement"], MUSCLES, f"+measured={tmp_path / 'session'}", "+rig.none=1", "~rig")
     read = run_stage(study, stages["measurement"], tmp_path, {})
     for name in ("measured", "measured_muscles"):
         pd.testing.assert_frame_equal(read[name], recorded[name], check_exact=False, rtol=1e-12)
@@ -129,11 +104,7 @@ def test_the_amended_simulator_is_identified_and_the_scorecard_says_what_the_ver
     assert "The seal holds" in result.stdout
     (run,) = pamid.runs
     verdict = json.loads((run / "verdict.json").read_text())
-    recorded = HiddenSessions(3, None, None, None, 6).record()
-    tables = tabulate_session(recorded.samples, recorded.meta, "")
-    test = choose_verification(6, DISCREPANCY.verification_share)
-    outputs = build_muscle_channels(tables, DISCREPANCY)
-    judged = judge(outputs, test, DISCREPANCY, lambda *purpose: np.random.default_rng(0))
+    judged = judge_session(HiddenSessions(3, None, None, None, 6).record(), 6)
     said = judged.decision
     assert said.status == verdict["status"] == "named"
     assert [each.name for each in said.effects] == [each["name"] for each in verdict["effects"]]

@@ -4,6 +4,10 @@ The floor is one matrix product for the distances, the exponential, and four N x
 for the variance, three for its slopes by the lengths), of the same shapes, in chunks of the same size, in the same run.
 scikit-learn fits once from one start, its default, or from as many as the search here climbs from, and predicts means
 and standard deviations of the same candidates, on the same single thread. It computes no slopes by hyperparameters.
+
+Sparse models of all samples of ten trials are identified again from where they were before the last trial, with the
+settings of the study, and score 40 trajectories of 200 candidates by y_y; exact ones are of as many points as
+pseudo-inputs.
 """
 
 import warnings
@@ -18,19 +22,29 @@ from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.marginal import fit
 from stages.science.gp.scoring import trajectory_utility
+from stages.science.gp.sparse_interaction import SparseDesign, SparseInteraction
 from tests.benchmarks.conftest import peak_memory_mb
 from tests.conftest import ROOT
 
 MUSCLES, TRAJECTORIES, SAMPLES, INPUTS = 4, 40, 1000, 3
 CHUNK = 1024
-ROUNDS = 15
+ROUNDS, SPARSE_ROUNDS = 15, 5
 CLIMBS = 4
+TRIALS, CANDIDATES = 12, 200
+PRIOR = Hyperprior(np.array([1.4, 0.9, 0.9, 0.4, -2.5]), np.array([0.5, 0.5, 0.5, 0.5, 1.0]))
 
 
-def design():
-    """The active loop's own settings."""
+def read_section(name, *overrides):
+    """The loop's own settings."""
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        return compose("config").active_loop
+        return compose("config", overrides=list(overrides))[name]
+
+
+def walk(generator, trajectories, samples):
+    time = np.linspace(0.0, 4.0, samples)
+    phases = generator.uniform(0, 2 * np.pi, (trajectories, 1, INPUTS))
+    speeds = generator.uniform(1.0, 4.0, (trajectories, 1, INPUTS))
+    return 1.5 * np.sin(phases + speeds * time[:, None])
 
 
 def force_law(x):
@@ -40,36 +54,25 @@ def force_law(x):
 
 
 class Problem:
-    """Data, candidates and the hyperprior of every muscle."""
+    """Data and candidates of every muscle."""
 
     def __init__(self, points):
         generator = np.random.default_rng(20261121)
-        time = np.linspace(0.0, 4.0, SAMPLES)
-        phases = generator.uniform(0, 2 * np.pi, (MUSCLES, TRAJECTORIES, 1, INPUTS))
-        speeds = generator.uniform(1.0, 4.0, (MUSCLES, TRAJECTORIES, 1, INPUTS))
-        self.candidates = list(1.5 * np.sin(phases + speeds * time[:, None]))
+        self.candidates = np.split(walk(generator, MUSCLES * TRAJECTORIES, SAMPLES), MUSCLES)
         self.inputs, self.outputs = [], []
         for bank in self.candidates:
             rows = bank.reshape(-1, INPUTS)
             x = rows[generator.choice(len(rows), points, replace=False)]
             self.inputs.append(x)
             self.outputs.append(force_law(x) + 0.05 * generator.standard_normal(points))
-        means = np.array([1.4, 0.9, 0.9, 0.4, -2.5])
-        self.prior = Hyperprior(means, np.array([0.5, 0.5, 0.5, 0.5, 1.0]))
-        self.design = design()
+        self.design = read_section("active_loop")
         self.thetas = [model.theta for model in self.identify([(), (), (), ()])]
 
     def identify(self, warm):
+        starts, data = self.design.starts, zip(self.inputs, self.outputs, warm, strict=True)
         return [
-            fit(
-                x,
-                y,
-                self.prior,
-                generator=np.random.default_rng(muscle),
-                starts=self.design.starts,
-                warm_starts=warm[muscle],
-            )
-            for muscle, (x, y) in enumerate(zip(self.inputs, self.outputs, strict=True))
+            fit(x, y, PRIOR, generator=np.random.default_rng(muscle), starts=starts, warm_starts=thetas)
+            for muscle, (x, y, thetas) in enumerate(data)
         ]
 
     def fit_again(self):
@@ -144,3 +147,59 @@ def test_iteration_against_scikit_learn(problem, starts, against, tell):
 def test_memory_of_an_iteration(problem, benchmark, tell):
     peak = benchmark.pedantic(peak_memory_mb, args=(problem.iterate,), rounds=1)
     tell(f"memory beyond the output, N = {size(problem)}", peak, "MB", 64.0)
+
+
+class SparseProblem:
+    """All samples of twelve trials, of which the last is about to be told."""
+
+    def __init__(self, samples):
+        section = read_section("sparse_loop", "workflow=paper")
+        generator = np.random.default_rng(20261121)
+        self.starts, self.pseudo_inputs = section.exact_starts, section.pseudo_inputs
+        self.candidates = [walk(generator, TRAJECTORIES, CANDIDATES) for _ in range(MUSCLES)]
+        self.inputs = [walk(generator, TRIALS, samples).reshape(-1, INPUTS) for _ in range(MUSCLES)]
+        self.outputs = [force_law(x) + 0.05 * generator.standard_normal(len(x)) for x in self.inputs]
+        taken = ("reduce", "memory_mb", "pseudo_inputs", "first_iterations", "iterations")
+        given = {"utility": "y_y", "reuse_trajectories": False, "mean": "zero", "starts": 1}
+        design = SparseDesign(**given, **{name: section[name] for name in taken})
+        earlier = [x[:-samples] for x in self.inputs], [y[:-samples] for y in self.outputs]
+        self.last = [x[-samples:] for x in self.inputs], [y[-samples:] for y in self.outputs]
+        self.known = SparseInteraction.begin(
+            design, self.candidates, [PRIOR] * MUSCLES, *earlier, [], self.generators()
+        )
+
+    def generators(self):
+        return [np.random.default_rng(muscle) for muscle in range(MUSCLES)]
+
+    def iterate(self):
+        return trajectory_utility(self.known.tell(0, *self.last, self.generators()).models, self.candidates, "y_y")
+
+    def iterate_exactly(self):
+        at = np.linspace(0, len(self.outputs[0]) - 1, self.pseudo_inputs).astype(int)
+        data = zip(self.inputs, self.outputs, self.generators(), strict=True)
+        models = [fit(x[at], y[at], PRIOR, generator=each, starts=self.starts) for x, y, each in data]
+        return trajectory_utility(models, self.candidates, "y_y")
+
+
+@pytest.fixture(
+    scope="module", params=[200, pytest.param(1000, marks=pytest.mark.long)], ids=lambda kept: f"N={kept * TRIALS}"
+)
+def sparse(request):
+    return SparseProblem(request.param)
+
+
+def test_sparse_iteration_against_the_exact_one(sparse, against, tell):
+    ratio = against(sparse.iterate, sparse.iterate_exactly, SPARSE_ROUNDS)
+    tell(f"trial with sparse models, N = {size(sparse)} / exact, N = {sparse.pseudo_inputs}", ratio)
+
+
+def test_seconds_of_a_sparse_iteration(sparse, benchmark, sized, tell):
+    benchmark.pedantic(sparse.iterate, rounds=sized(SPARSE_ROUNDS), warmup_rounds=1)
+    tell(f"trial with sparse models, N = {size(sparse)}", benchmark.stats.stats.median, "s")
+
+
+def test_memory_of_a_sparse_iteration(sparse, benchmark, tell):
+    most, exact = (peak_memory_mb(each) for each in (sparse.iterate, sparse.iterate_exactly))
+    benchmark.pedantic(sparse.iterate, rounds=1)
+    tell(f"memory of a trial with sparse models, N = {size(sparse)}", most, "MB")
+    tell(f"memory of a trial with exact models, N = {sparse.pseudo_inputs}", exact, "MB")

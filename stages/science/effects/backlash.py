@@ -5,15 +5,12 @@ The contraction of the muscle follows that of the geometry by a play operator.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.plant.operators import follow_play
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the contraction of the muscle itself."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return follow_play(signal, 0.5 * parameters["play"])
 
 
@@ -27,7 +24,7 @@ EFFECT = ChainEffect(
     signature="force stands for a short way after every reversal, more where it depends more on contraction",
     split_by="slow reversals at two pressures: the way after a reversal stays the same",
     relatives=("hysteresis", "coulomb_friction"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (EFFECT,)

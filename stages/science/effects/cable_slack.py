@@ -7,29 +7,25 @@ always taut this is a zero of contraction. `hanging` loses tension beyond a cont
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.plant.muscle import compute_tension
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the contraction of the muscle itself."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return signal + parameters["slack"]
 
 
-def apply_hanging(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the tension at the joint's end, N."""
+def _apply_hanging(signal: Array, state: State, parameters: Values) -> Array:
     way = np.clip((state.contraction - parameters["onset"]) / parameters["width"], 0.0, 1.0)
     return signal * (1.0 - parameters["lost"] * way * way * (3.0 - 2.0 * way))
 
 
-def apply_opening(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the contraction of the muscle itself, with the slack that its load at the taut cable leaves."""
+def _apply_opening(signal: Array, state: State, parameters: Values) -> Array:
     load = compute_tension(state.pressure_kpa, signal, state.velocity_per_s, state.muscles) / state.muscles.full_force_n
     opened = 1.0 / (1.0 + np.exp(np.clip((load - parameters["load"]) / parameters["width"], -50.0, 50.0)))
     return signal + parameters["slack"] * opened
@@ -48,7 +44,7 @@ EFFECT = ChainEffect(
     signature="force is short, more where the muscle is short, and reaches zero before the model does",
     split_by="low pressure at the end of the range where the muscle is shortest, until it goes slack",
     relatives=("pressure_dead_band", "moment_arm_variation", "end_stiffening"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (
@@ -63,7 +59,7 @@ FORMS = (
             Parameter("width", "1", 0.002, 0.1, 0.02, 0.02, "contraction over which tension is lost", (0.015,)),
         ),
         signature="force falls away beyond a contraction and is right below it",
-        apply=apply_hanging,
+        apply=_apply_hanging,
     ),
     replace(
         EFFECT,
@@ -75,6 +71,6 @@ FORMS = (
         ),
         signature="force is short at small loads and right at large ones",
         split_by="low pressure and high pressure at the same contraction",
-        apply=apply_opening,
+        apply=_apply_opening,
     ),
 )

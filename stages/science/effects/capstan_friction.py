@@ -6,19 +6,19 @@ muscle's tip does not see it; the motion of the joint does.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from stages.science.effects import slide
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.plant.operators import PRESLIDING
 from stages.science.signals.trajectories import Array
 
+BEND, SLIDES = "friction coefficient times the sheath's total bend", "contraction velocity at which the cable slides"
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the tension at the joint's end, N."""
+
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return signal * np.exp(-parameters["friction_times_wrap"] * slide(state, parameters))
 
 
@@ -28,26 +28,8 @@ EFFECT = ChainEffect(
     site="transmission",
     signal="tension_n",
     parameters=(
-        Parameter(
-            "friction_times_wrap",
-            "1",
-            0.0,
-            1.0,
-            0.12,
-            0.08,
-            "friction coefficient times the sheath's total bend",
-            (0.1, 0.35),
-        ),
-        Parameter(
-            "sliding_per_s",
-            "1/s",
-            0.001,
-            0.02,
-            0.01,
-            0.01,
-            "contraction velocity at which the cable slides",
-            (0.003, 0.01),
-        ),
+        Parameter("friction_times_wrap", "1", 0.0, 1.0, 0.12, 0.08, BEND, (0.1, 0.35)),
+        Parameter("sliding_per_s", "1/s", 0.001, 0.02, 0.01, 0.01, SLIDES, (0.003, 0.01)),
     ),
     source=(
         "Kaneko, Yamashita, Tanie, Basic considerations on transmission characteristics for tendon drive robots, "
@@ -56,7 +38,7 @@ EFFECT = ChainEffect(
     signature="force at the joint is short by a share of itself while the muscle shortens, and over while it lengthens",
     split_by="slow reversals at two pressures: the step at reversal grows with tension",
     relatives=("coulomb_friction", "stribeck_friction"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (

@@ -7,21 +7,18 @@ is. Within a sample, signals run straight.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
-from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State
+from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State, Values
 from stages.science.plant.filters import shift
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the signal as late as its channel is."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return shift(signal, parameters["late_s"] / state.step_s)
 
 
-def take_back(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the signal that acted, given one that was recorded late."""
+def _take_back(signal: Array, state: State, parameters: Values) -> Array:
     return shift(signal, -parameters["late_s"] / state.step_s)
 
 
@@ -39,12 +36,11 @@ EFFECT = ChainEffect(
     signature="force errs in proportion to its own rate of change, whether pressure or motion changes it",
     split_by="steps of pressure at rest, and quick reversals at constant pressure",
     relatives=("viscous_friction", "transport_delay"),
-    apply=apply,
+    apply=_apply,
 )
 
 
-def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer as late as its channel is."""
+def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     return shift(answer, parameters["paces_late"] * bench.time_scale_s / bench.step_s)
 
 
@@ -58,7 +54,7 @@ LATE_ELEMENT = ElementEffect(
     signature="the answer errs in proportion to its own rate of change",
     split_by="the same loop at three speeds: its width grows with speed and with stiffness",
     relatives=("viscous_friction", "hysteresis"),
-    apply=apply_to_element,
+    apply=_apply_to_element,
 )
 
 FORMS = (
@@ -69,7 +65,7 @@ FORMS = (
         signal="sensed_pressure_kpa",
         parameters=(replace(EFFECT.parameters[0], description="by which pressure is later than force and motion"),),
         signature="pressure errs in proportion to its own rate of change, and force as if it came before the pressure",
-        invert=take_back,
+        invert=_take_back,
     ),
     replace(
         EFFECT,
@@ -77,7 +73,7 @@ FORMS = (
         signal="contraction",
         parameters=(replace(EFFECT.parameters[0], description="by which motion is later than pressure and force"),),
         signature="force errs in proportion to the velocity of the joint and to pressure",
-        apply=take_back,
+        apply=_take_back,
     ),
     LATE_ELEMENT,
 )

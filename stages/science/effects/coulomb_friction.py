@@ -19,13 +19,11 @@ from stages.science.plant.operators import PRESLIDING
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the tension at the joint's end, N."""
+def _apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     return signal - parameters["share"] * state.muscles.full_force_n * slide(state, parameters)
 
 
-def apply_in_sleeve(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less a friction that the pressure presses."""
+def _apply_in_sleeve(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
     pressed = pull_at_rest(state.pressure_kpa, state.muscles)
     return signal - parameters["share"] * pressed * slide(state, parameters)
 
@@ -66,9 +64,8 @@ CABLE = ChainEffect(
     signature="force steps by the same amount at every reversal, short while the muscle shortens",
     split_by="slow reversals at two pressures: the step at reversal stays the same",
     relatives=("stribeck_friction", "capstan_friction", "hysteresis"),
-    apply=apply,
+    apply=_apply,
 )
-
 
 SLIDER = DynamicEffect(
     name="coulomb_friction",
@@ -84,7 +81,6 @@ SLIDER = DynamicEffect(
     relatives=("hysteresis", "viscous_friction"),
     terms=name_terms(coulomb="share", sliding="sliding"),
 )
-
 
 YIELDING_SLIDER = replace(
     SLIDER,
@@ -108,8 +104,7 @@ YIELDING_CABLE = replace(
 )
 
 
-def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer with a friction of constant size against its motion."""
+def _apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
     return answer + parameters["share"] * np.tanh(bench.rate / parameters["sliding"])
 
 
@@ -124,7 +119,7 @@ RUBBING_ELEMENT = ElementEffect(
     signature="the answer steps by the same amount whenever motion turns",
     split_by="the same loop at three speeds: a step at the turn, however slow",
     relatives=("hysteresis", "viscous_friction"),
-    apply=apply_to_element,
+    apply=_apply_to_element,
 )
 
 SLEEVE = replace(
@@ -139,7 +134,7 @@ SLEEVE = replace(
     ),
     signature="force steps at every reversal in proportion to pressure",
     split_by="slow reversals at two pressures: the step at reversal grows with pressure",
-    apply=apply_in_sleeve,
+    apply=_apply_in_sleeve,
 )
 
 FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLEEVE, SLIDER, YIELDING_SLIDER, RUBBING_ELEMENT)

@@ -9,45 +9,39 @@ the surplus fades with two time constants.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State
+from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State, Values
 from stages.science.plant.filters import lag, respond
 from stages.science.plant.muscle import pull_at_rest
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less what the slow element holds."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     tau = np.full(signal.shape[1], parameters["tau_s"])
     held = state.contraction - respond(state.contraction, tau, tau, state.step_s)
     return signal - parameters["share"] * state.muscles.full_force_n * held
 
 
-def apply_with_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less what an element holds that pressure stiffens."""
+def _apply_with_pressure(signal: Array, state: State, parameters: Values) -> Array:
     held = state.contraction - lag(state.contraction, parameters["tau_s"], state.step_s)
     return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * held
 
 
-def apply_two_branches(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less the mean of what a slow and a slower element hold."""
+def _apply_two_branches(signal: Array, state: State, parameters: Values) -> Array:
     slow = lag(state.contraction, parameters["tau_s"], state.step_s)
     slower = lag(state.contraction, parameters["tau_s"] * parameters["ratio"], state.step_s)
     held = state.contraction - 0.5 * (slow + slower)
     return signal - parameters["share"] * state.muscles.full_force_n * held
 
 
-def apply_to_force(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, of which a share follows slowly."""
+def _apply_to_force(signal: Array, state: State, parameters: Values) -> Array:
     return signal - parameters["share"] * (signal - lag(signal, parameters["tau_s"], state.step_s))
 
 
-def apply_stress_relaxation(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, with a surplus after each of its changes that fades twice."""
+def _apply_stress_relaxation(signal: Array, state: State, parameters: Values) -> Array:
     slow = lag(signal, parameters["tau_s"], state.step_s)
     slower = lag(signal, parameters["tau_s"] * parameters["ratio"], state.step_s)
     return signal + parameters["share"] * (signal - 0.5 * (slow + slower))
@@ -72,12 +66,11 @@ EFFECT = ChainEffect(
     signature="force overshoots after a reach and drifts back within seconds, while nothing moves",
     split_by="a step of contraction held for ten seconds at constant pressure",
     relatives=("hysteresis", "sensor_drift"),
-    apply=apply,
+    apply=_apply,
 )
 
 
-def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer with what a slow element beside it holds."""
+def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     held = bench.along - lag(bench.along, parameters["paces"] * bench.time_scale_s, bench.step_s)
     return answer + parameters["share"] * held
 
@@ -93,7 +86,7 @@ YIELDING_ELEMENT = ElementEffect(
     signature="the answer goes on changing after motion has ended",
     split_by="a step that is held for ten times as long as a movement takes",
     relatives=("hysteresis", "viscous_friction"),
-    apply=apply_to_element,
+    apply=_apply_to_element,
 )
 
 FORMS = (
@@ -102,7 +95,7 @@ FORMS = (
         EFFECT,
         form="pressure_scaled",
         parameters=(_share_of("the force at this pressure and rest length"), TAU),
-        apply=apply_with_pressure,
+        apply=_apply_with_pressure,
     ),
     replace(
         EFFECT,
@@ -116,7 +109,7 @@ FORMS = (
             "Ferry, Viscoelastic properties of polymers, 3rd edition (1980), chapter 3: a row of Maxwell elements "
             "relaxes with the logarithm of time"
         ),
-        apply=apply_two_branches,
+        apply=_apply_two_branches,
     ),
     replace(
         EFFECT,
@@ -128,7 +121,7 @@ FORMS = (
         ),
         signature="force goes on rising for seconds after a step of pressure, or falling after one of contraction",
         split_by="a step of pressure held for ten seconds at constant contraction",
-        apply=apply_to_force,
+        apply=_apply_to_force,
     ),
     replace(
         EFFECT,
@@ -144,7 +137,7 @@ FORMS = (
         ),
         signature="force overshoots after every change, of pressure too, and fades within seconds",
         split_by="a step of pressure held for ten seconds at constant contraction",
-        apply=apply_stress_relaxation,
+        apply=_apply_stress_relaxation,
     ),
     YIELDING_ELEMENT,
 )

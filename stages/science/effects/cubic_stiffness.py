@@ -6,17 +6,14 @@ acts along a driven muscle; in an oscillator the same law is a term of the equat
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from stages.science.effects import name_terms
-from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
+from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 USUAL = 0.1
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less that of the hardening spring."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     away = (state.contraction - parameters["middle"]) / USUAL
     return signal - parameters["share"] * state.muscles.full_force_n * away * away * away
 
@@ -36,9 +33,8 @@ EFFECT = ChainEffect(
     signature="force errs by a cubic of contraction, the same at every pressure and in both directions",
     split_by="a slow sweep over the whole range of contraction at two pressures",
     relatives=("end_stiffening", "moment_arm_variation"),
-    apply=apply,
+    apply=_apply,
 )
-
 
 DUFFING = DynamicEffect(
     name="cubic_stiffness",
@@ -49,7 +45,7 @@ DUFFING = DynamicEffect(
             "share", "1", -0.9, 10.0, 0.0, 0.5, "deceleration at one scale, scales per squared pace", (0.1, -0.05)
         ),
     ),
-    source="Kovacic, Brennan, The Duffing equation: nonlinear oscillators and their behaviour (2011)",
+    source=EFFECT.source,
     signature="the resonance bends towards higher frequency as the motion grows, and lower where the spring softens",
     split_by="a slow sweep through the resonance at a small and a large input",
     relatives=(),
@@ -57,8 +53,7 @@ DUFFING = DynamicEffect(
 )
 
 
-def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer with the cube of its way from the middle."""
+def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     return answer + parameters["share"] * bench.along * bench.along * bench.along
 
 
@@ -72,7 +67,7 @@ HARDENING_ELEMENT = ElementEffect(
     signature="the answer errs by a cubic of position, the same in both directions",
     split_by="a slow sweep over the whole range",
     relatives=("saturation",),
-    apply=apply_to_element,
+    apply=_apply_to_element,
 )
 
 FORMS = (EFFECT, DUFFING, HARDENING_ELEMENT)

@@ -6,30 +6,27 @@ and tension rises.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 STEEPEST = 6.0
 """Largest exponent: beyond it the force exceeds any other by far, and a fit would see nothing else."""
 
 
-def _grow(beyond: Array, parameters: Mapping[str, float]) -> Array:
+def _grow(beyond: Array, parameters: Values) -> Array:
     return np.expm1(np.clip(beyond / parameters["length"], 0.0, STEEPEST))
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less what the contracted end takes."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     beyond = _grow(state.contraction - parameters["onset"], parameters)
     return signal - parameters["share"] * state.muscles.full_force_n * beyond
 
 
-def apply_stretched(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, with what the stretched end adds."""
+def _apply_stretched(signal: Array, state: State, parameters: Values) -> Array:
     beyond = _grow(parameters["onset"] - state.contraction, parameters)
     return signal + parameters["share"] * state.muscles.full_force_n * beyond
 
@@ -56,7 +53,7 @@ EFFECT = ChainEffect(
     signature="force errs at one end of the range, more steeply the further, and is right elsewhere",
     split_by="slow reaches to both ends of the range at two pressures",
     relatives=("cubic_stiffness", "moment_arm_variation", "cable_slack"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (
@@ -69,6 +66,6 @@ FORMS = (
             Parameter("onset", "1", -0.05, 0.2, 0.05, 0.05, "contraction below which it stiffens", (0.05, 0.1)),
             LENGTH,
         ),
-        apply=apply_stretched,
+        apply=_apply_stretched,
     ),
 )

@@ -8,13 +8,12 @@ with nothing, `force_scaled` with the force itself. `regulator` is a play betwee
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from stages.science.effects import name_terms
-from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
+from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
 from stages.science.plant.muscle import pull_at_rest
 from stages.science.plant.operators import follow_bouc_wen, follow_play, follow_stops
 from stages.science.signals.trajectories import Array
@@ -26,14 +25,12 @@ def _spread(width: float) -> Array:
     return width * np.arange(1, ELEMENTS + 1) / ELEMENTS
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less the friction of the braid."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     stops = follow_stops(state.contraction, _spread(parameters["width"]))
     return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * stops
 
 
-def apply_plays(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less what operators of equal stiffness hold, whatever the pressure."""
+def _apply_plays(signal: Array, state: State, parameters: Values) -> Array:
     radii = _spread(parameters["width"])
     held = np.zeros_like(signal)
     for radius in radii:
@@ -41,19 +38,16 @@ def apply_plays(signal: Array, state: State, parameters: Mapping[str, float]) ->
     return signal - parameters["share"] * state.muscles.full_force_n * (held / radii.sum())
 
 
-def apply_bouc_wen(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less a friction that follows the Bouc-Wen equation."""
+def _apply_bouc_wen(signal: Array, state: State, parameters: Values) -> Array:
     turned = follow_bouc_wen(state.contraction, parameters["width"])
     return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * turned
 
 
-def apply_to_force(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less a share of itself in the direction of motion."""
+def _apply_to_force(signal: Array, state: State, parameters: Values) -> Array:
     return signal - parameters["share"] * signal * follow_stops(state.contraction, _spread(parameters["width"]))
 
 
-def apply_to_command(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the command, kPa, that the regulator follows through a play."""
+def _apply_to_command(signal: Array, state: State, parameters: Values) -> Array:
     return follow_play(signal, parameters["play_kpa"])
 
 
@@ -78,9 +72,8 @@ EFFECT = ChainEffect(
     signature="a loop of force over contraction, whatever the speed, that turns within a small way after each reversal",
     split_by="small reversals inside a large one, slow, at constant pressure",
     relatives=("coulomb_friction", "creep"),
-    apply=apply,
+    apply=_apply,
 )
-
 
 BOUC_WEN_SPRING = DynamicEffect(
     name="hysteresis",
@@ -98,18 +91,15 @@ BOUC_WEN_SPRING = DynamicEffect(
 )
 
 
-def apply_stops_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer with sliders of equal force along its way."""
+def _apply_stops_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     return answer + parameters["share"] * follow_stops(bench.along, _spread(parameters["width"]))
 
 
-def apply_play_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer with one slider along its way, which a record may begin in mid-turn."""
+def _apply_play_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     return answer + parameters["share"] * _stop_from(bench, parameters["width"], parameters["begun"])
 
 
-def apply_two_plays_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer with two sliders of their own heights and widths."""
+def _apply_two_plays_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     first, second = (_stop_from(bench, parameters[width], parameters["begun"]) for width in ("width", "second_width"))
     return answer + parameters["share"] * (first + parameters["second_ratio"] * second)
 
@@ -131,7 +121,7 @@ SLIDING_ELEMENT = ElementEffect(
     signature="the answer to the same position differs by the way that led there, at any speed",
     split_by="the same loop at three speeds, and small loops inside it",
     relatives=("coulomb_friction", "creep"),
-    apply=apply_stops_to_element,
+    apply=_apply_stops_to_element,
 )
 PLAYING_ELEMENT = replace(
     SLIDING_ELEMENT,
@@ -141,7 +131,7 @@ PLAYING_ELEMENT = replace(
         Parameter("begun", "1", -1.0, 1.0, 0.0, 0.5, "how far it has turned as a record begins", (0.0,)),
     ),
     source="Krasnoselskii, Pokrovskii, Systems with hysteresis, Springer (1989): the stop, complement of the play",
-    apply=apply_play_to_element,
+    apply=_apply_play_to_element,
 )
 
 TWO_PLAYS_ELEMENT = replace(
@@ -158,10 +148,9 @@ TWO_PLAYS_ELEMENT = replace(
         "Lin, Lin, Yu, Chen, Hysteresis modeling and tracking control for a dual pneumatic artificial muscle system "
         "using Prandtl-Ishlinskii model, Mechatronics 28 (2015): play operators of several widths"
     ),
-    apply=apply_two_plays_to_element,
+    apply=_apply_two_plays_to_element,
     scales=False,
 )
-
 
 PLAYING_LAG = DynamicEffect(
     name="hysteresis",
@@ -187,7 +176,7 @@ FORMS = (
             "Lin, Lin, Yu, Chen, Hysteresis modeling and tracking control for a dual pneumatic artificial muscle "
             "system using Prandtl-Ishlinskii model, Mechatronics 28 (2015)"
         ),
-        apply=apply_plays,
+        apply=_apply_plays,
     ),
     replace(
         EFFECT,
@@ -197,7 +186,7 @@ FORMS = (
             replace(WIDTH, low=0.002, starts=(0.004, 0.015)),
         ),
         source="Wen, Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102 (1976)",
-        apply=apply_bouc_wen,
+        apply=_apply_bouc_wen,
     ),
     replace(
         EFFECT,
@@ -207,7 +196,7 @@ FORMS = (
             "Tondu, Lopez, Modeling and control of McKibben artificial muscle robot actuators, IEEE Control Syst. Mag. "
             "20 (2000): dry friction between threads"
         ),
-        apply=apply_to_force,
+        apply=_apply_to_force,
     ),
     replace(
         EFFECT,
@@ -224,7 +213,7 @@ FORMS = (
         signature="pressure settles below the command after a rise and above it after a fall, and ignores small moves",
         split_by="a staircase of commands up and down, each step held until it settles",
         relatives=("valve_asymmetry", "valve_lag"),
-        apply=apply_to_command,
+        apply=_apply_to_command,
     ),
     BOUC_WEN_SPRING,
     PLAYING_ELEMENT,

@@ -6,13 +6,12 @@ pressure, as through a small hole, and weighs more at low pressure.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 from numba import njit
 
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.plant.filters import respond
 from stages.science.signals.trajectories import Array
 
@@ -34,8 +33,7 @@ def _leak_by_root(command: Array, tau_s: Array, rate: float, step_s: float) -> A
     return pressure
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure, kPa, with the difference that a proportional outflow makes to the same command."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     tau = state.muscles.valve_tau_s
     left = 1.0 / (1.0 + parameters["leak_per_s"] * tau)
     leaky = left * respond(state.command_kpa, left * tau, left * tau, state.step_s)
@@ -43,8 +41,7 @@ def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array
     return signal + state.muscles.regulator_gain * (leaky - plain)
 
 
-def apply_orifice(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure, kPa, with the difference that an outflow by the root makes to the same command."""
+def _apply_orifice(signal: Array, state: State, parameters: Values) -> Array:
     tau = state.muscles.valve_tau_s
     command = np.ascontiguousarray(state.command_kpa)
     leaky = _leak_by_root(command, tau, parameters["leak_per_s"], state.step_s)
@@ -63,7 +60,7 @@ EFFECT = ChainEffect(
     signature="pressure settles below the command, by a share of it",
     split_by="a staircase of commands, each held until it settles, and the supply shut off",
     relatives=("sensor_gain", "sensor_offset"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (
@@ -73,6 +70,6 @@ FORMS = (
         form="orifice",
         parameters=(replace(LEAK, description="rate of outflow over pressure at 100 kPa"),),
         signature="pressure settles below the command, by a larger share at low pressure",
-        apply=apply_orifice,
+        apply=_apply_orifice,
     ),
 )

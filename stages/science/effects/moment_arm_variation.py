@@ -7,12 +7,11 @@ as it is, and so is the arm by which tension turns a simulated joint.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 
@@ -20,14 +19,12 @@ def _angle(contraction: Array, state: State) -> Array:
     return (contraction - state.muscles.contraction_at_angle_0) / state.muscles.contraction_per_rad
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the contraction under an arm that changes evenly with angle."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     wound = 0.5 * _angle(signal, state) ** 2
     return signal + parameters["variation_per_rad"] * state.muscles.contraction_per_rad * wound
 
 
-def apply_eccentric(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the contraction under an arm that changes with the sine of the angle."""
+def _apply_eccentric(signal: Array, state: State, parameters: Values) -> Array:
     phase = parameters["phase_rad"]
     wound = np.cos(phase) - np.cos(_angle(signal, state) + phase)
     return signal + parameters["variation"] * state.muscles.contraction_per_rad * wound
@@ -50,7 +47,7 @@ EFFECT = ChainEffect(
     signature="force errs with the joint's angle and in proportion to pressure, in both directions of motion alike",
     split_by="slow sweeps over the whole range of the joint at three pressures",
     relatives=("series_elasticity", "cable_slack", "end_stiffening", "cubic_stiffness"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (
@@ -62,6 +59,6 @@ FORMS = (
             Parameter("variation", "1", -0.8, 0.8, 0.0, 0.1, "eccentricity over the arm", (0.15, -0.15)),
             Parameter("phase_rad", "rad", -1.6, 1.6, 0.0, 0.8, "angle between arm and eccentricity", (-0.7, 0.7)),
         ),
-        apply=apply_eccentric,
+        apply=_apply_eccentric,
     ),
 )

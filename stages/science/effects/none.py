@@ -2,14 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
-from stages.science.plant.effect import ChainEffect, State
+from stages.science.plant.effect import ChainEffect, State, Values
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the signal as it is."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return signal
 
 
@@ -23,7 +20,7 @@ EFFECT = ChainEffect(
     signature="nothing beyond noise and wander",
     split_by="no experiment",
     relatives=(),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (EFFECT,)

@@ -8,21 +8,14 @@ from __future__ import annotations
 from stages.science.effects import name_terms
 from stages.science.plant.effect import DynamicEffect, Parameter
 
+RIMS = (0.35, 0.5, 0.7, 1.0, 1.4)
+
 EFFECT = DynamicEffect(
     name="overflow",
     form="rim",
     site="tank",
     parameters=(
-        Parameter(
-            "scale_over_rim",
-            "1",
-            0.0,
-            10.0,
-            0.5,
-            1.0,
-            "level's scale over the rim's height",
-            (0.35, 0.5, 0.7, 1.0, 1.4),
-        ),
+        Parameter("scale_over_rim", "1", 0.0, 10.0, 0.5, 1.0, "level's scale over the rim's height", RIMS),
         Parameter("share_down", "1", 0.0, 1.0, 0.5, 0.5, "share of what runs over that the lower tank gets", (0.5,)),
     ),
     source=(

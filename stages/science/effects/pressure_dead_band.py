@@ -7,18 +7,15 @@ around, force rises smoothly over a part of the band.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 SMALLEST_KPA = 1e-12
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure that acts on the braid, kPa."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     band, softness = parameters["band_kpa"], parameters["softness"]
     start = (1.0 - softness) * band
     way = np.clip((signal - start) / max(band - start, SMALLEST_KPA), 0.0, 1.0)
@@ -42,7 +39,7 @@ EFFECT = ChainEffect(
     signature="force is absent at low pressure and right above it",
     split_by="a slow sweep of pressure from zero at constant contraction",
     relatives=("threshold_pressure", "sensor_offset", "cable_slack"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (EFFECT,)

@@ -6,25 +6,22 @@ values that are whole multiples of one number give it away.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, in whole counts."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     if parameters["count_share"] == 0.0:
         return signal
     count = parameters["count_share"] * state.muscles.full_force_n
     return np.round(signal / count) * count
 
 
-def apply_to_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure, kPa, in whole counts."""
+def _apply_to_pressure(signal: Array, state: State, parameters: Values) -> Array:
     count = parameters["count_kpa"]
     return signal if count == 0.0 else np.round(signal / count) * count
 
@@ -39,7 +36,7 @@ EFFECT = ChainEffect(
     signature="force moves in equal steps and stands between them",
     split_by="a slow sweep of pressure: the steps are equal",
     relatives=(),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (
@@ -50,6 +47,6 @@ FORMS = (
         signal="sensed_pressure_kpa",
         parameters=(Parameter("count_kpa", "kPa", 0.0, 50.0, 1.0, 2.0, "count", (1.0, 5.0)),),
         signature="pressure moves in equal steps and stands between them",
-        apply=apply_to_pressure,
+        apply=_apply_to_pressure,
     ),
 )

@@ -8,13 +8,12 @@ again, give the ends away.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from stages.science.effects import name_terms
-from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
+from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
 from stages.science.plant.filters import read
 from stages.science.signals.trajectories import Array
 
@@ -25,13 +24,11 @@ def _clip(signal: Array, scale: Array | float, ratio: float) -> Array:
     return np.minimum(signal, scale / ratio) if ratio > 0.0 else signal
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, up to the level."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return _clip(signal, state.muscles.full_force_n, parameters["full_force_over_level"])
 
 
-def apply_to_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure, kPa, up to the level."""
+def _apply_to_pressure(signal: Array, state: State, parameters: Values) -> Array:
     return _clip(signal, SCALE_KPA, parameters["mpa_over_level"])
 
 
@@ -47,9 +44,8 @@ EFFECT = ChainEffect(
     signature="force stays at one value wherever it should exceed it",
     split_by="a slow sweep to the largest pressure",
     relatives=(),
-    apply=apply,
+    apply=_apply,
 )
-
 
 FARTHEST = 1e6
 """Scales within which an end may lie: signals may be small beside their offset."""
@@ -60,12 +56,11 @@ ENDS = (
 )
 
 
-def end_reading(parameters: Mapping[str, float]) -> dict[str, float]:
-    """Return a machine's terms: the share that is not read, and the ends that there are, in scales of the output."""
+def _end_reading(parameters: Values) -> dict[str, float]:
     return {"unread": parameters["share"], **{end: parameters[end] for end in _list_ends(parameters)}}
 
 
-def _list_ends(parameters: Mapping[str, float]) -> list[str]:
+def _list_ends(parameters: Values) -> list[str]:
     """Return which ends there are.
 
     Raises
@@ -103,9 +98,8 @@ READING = replace(
     parameters=ENDS,
     signature="the response stays at one value wherever it should go beyond it, at one end or at both",
     split_by="a resonant motion beyond the ends",
-    terms=end_reading,
+    terms=_end_reading,
 )
-
 
 TANK_READING = replace(
     READING,
@@ -115,7 +109,6 @@ TANK_READING = replace(
     split_by="a gauge on the glass beside the sensor",
     relatives=("overflow",),
 )
-
 
 FULL_TANK = replace(
     TANK_READING,
@@ -130,8 +123,7 @@ FULL_TANK = replace(
 )
 
 
-def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer between the ends of its reading."""
+def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     ends = {end: parameters[end] for end in _list_ends(parameters)}
     return read(answer, parameters["share"], ends.get("lowest", -math.inf), ends.get("highest", math.inf))
 
@@ -144,7 +136,7 @@ CUT_ELEMENT = ElementEffect(
     signature="the answer stays at one value wherever it should go beyond it, at one end or at both",
     split_by=EFFECT.split_by,
     relatives=("cubic_stiffness",),
-    apply=apply_to_element,
+    apply=_apply_to_element,
 )
 
 LAG_DRIVE = replace(
@@ -170,7 +162,7 @@ FORMS = (
         signal="sensed_pressure_kpa",
         parameters=(Parameter("mpa_over_level", "1", 0.0, 50.0, 0.5, 2.0, "1000 kPa over the level", (1.5, 3.0, 6.0)),),
         signature="pressure stays at one value wherever it should exceed it",
-        apply=apply_to_pressure,
+        apply=_apply_to_pressure,
     ),
     DRIVE,
     READING,

@@ -6,12 +6,11 @@ the trial counts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State
+from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 MINUTE_S = 60.0
@@ -25,24 +24,20 @@ def _warm(state: State, tau_s: float) -> Array:
     return -np.expm1(-_session_s(state) / tau_s)
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, with an even drift."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     minutes = _session_s(state) / MINUTE_S
     return signal + parameters["share_per_min"] * state.muscles.full_force_n * minutes
 
 
-def apply_warming(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, with a drift that ends."""
+def _apply_warming(signal: Array, state: State, parameters: Values) -> Array:
     return signal + parameters["share"] * state.muscles.full_force_n * _warm(state, parameters["tau_s"])
 
 
-def apply_to_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure, kPa, with an even drift."""
+def _apply_to_pressure(signal: Array, state: State, parameters: Values) -> Array:
     return signal + parameters["drift_kpa_per_min"] * (_session_s(state) / MINUTE_S)
 
 
-def apply_warming_to_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure, kPa, with a drift that ends."""
+def _apply_warming_to_pressure(signal: Array, state: State, parameters: Values) -> Array:
     return signal + parameters["drift_kpa"] * _warm(state, parameters["tau_s"])
 
 
@@ -60,12 +55,11 @@ EFFECT = ChainEffect(
     signature="force errs by an amount that changes along the session and not with what is done",
     split_by="the same reference trial at the session's start, middle and end",
     relatives=("creep",),
-    apply=apply,
+    apply=_apply,
 )
 
 
-def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer with an even drift."""
+def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     return answer + parameters["share_per_100_paces"] * bench.session_s / (100.0 * bench.time_scale_s)
 
 
@@ -79,12 +73,11 @@ DRIFTING_ELEMENT = ElementEffect(
     signature="the answer errs by an amount that changes along the session and not with what is done",
     split_by="the same movement at the beginning and at the end",
     relatives=("creep",),
-    apply=apply_to_element,
+    apply=_apply_to_element,
 )
 
 
-def apply_warming_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer with a drift that ends."""
+def _apply_warming_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     since = bench.session_s / (100.0 * bench.time_scale_s)
     return answer + parameters["share"] * (1.0 - np.exp(-since * parameters["rate_per_100_paces"]))
 
@@ -96,7 +89,7 @@ WARMING_ELEMENT = replace(
         Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "drift in the end over the answer's scale", (0.1, -0.1)),
         Parameter("rate_per_100_paces", "1", 0.01, 20.0, 1.0, 2.0, "how quickly it ends, in 100 paces", (0.3, 2.0)),
     ),
-    apply=apply_warming_to_element,
+    apply=_apply_warming_to_element,
 )
 
 FORMS = (
@@ -105,7 +98,7 @@ FORMS = (
         EFFECT,
         form="force_warming",
         parameters=(Parameter("share", "1", -0.3, 0.3, 0.0, 0.02, "drift over the largest force", (0.02, -0.02)), TAU),
-        apply=apply_warming,
+        apply=_apply_warming,
     ),
     replace(
         EFFECT,
@@ -114,7 +107,7 @@ FORMS = (
         parameters=(Parameter("drift_kpa_per_min", "kPa/min", -50.0, 50.0, 0.0, 2.0, "drift", (1.0, -1.0)),),
         signature="pressure errs by an amount that changes along the session and not with what is done",
         relatives=(),
-        apply=apply_to_pressure,
+        apply=_apply_to_pressure,
     ),
     replace(
         EFFECT,
@@ -123,7 +116,7 @@ FORMS = (
         parameters=(Parameter("drift_kpa", "kPa", -100.0, 100.0, 0.0, 5.0, "drift in the end", (6.0, -6.0)), TAU),
         signature="pressure errs by an amount that changes along the session and not with what is done",
         relatives=(),
-        apply=apply_warming_to_pressure,
+        apply=_apply_warming_to_pressure,
     ),
     DRIFTING_ELEMENT,
     WARMING_ELEMENT,

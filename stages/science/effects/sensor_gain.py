@@ -6,15 +6,13 @@ regulator's gain takes it up, and in the force through the pressure that acts.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the signal with its sensor's gain error."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return signal * (1.0 + parameters["error"])
 
 
@@ -28,7 +26,7 @@ EFFECT = ChainEffect(
     signature="force errs in proportion to itself, always",
     split_by="known weights on the load cell",
     relatives=("sensor_offset", "series_elasticity"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (

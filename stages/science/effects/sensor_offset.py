@@ -6,21 +6,18 @@ the regulator's zero takes it up, and in the force, where the pressure that acts
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 from stages.science.effects import name_terms
-from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, with the load cell's offset."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return signal + parameters["share"] * state.muscles.full_force_n
 
 
-def apply_to_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure, kPa, with its sensor's offset."""
+def _apply_to_pressure(signal: Array, state: State, parameters: Values) -> Array:
     return signal + parameters["offset_kpa"]
 
 
@@ -34,9 +31,8 @@ EFFECT = ChainEffect(
     signature="force errs by the same amount always",
     split_by="the load cell unloaded, before and after the session",
     relatives=("threshold_pressure", "pressure_dead_band", "series_elasticity"),
-    apply=apply,
+    apply=_apply,
 )
-
 
 OSCILLATOR = DynamicEffect(
     name="sensor_offset",
@@ -62,7 +58,7 @@ FORMS = (
         signature="pressure errs by the same amount always, and force as if pressure were another",
         split_by="the muscle vented, before and after the session",
         relatives=("threshold_pressure",),
-        apply=apply_to_pressure,
+        apply=_apply_to_pressure,
     ),
     OSCILLATOR,
 )

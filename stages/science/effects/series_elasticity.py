@@ -5,12 +5,10 @@ The contraction that acts is that of the geometry plus the stretch, which is in 
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numba import njit
 
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.plant.muscle import MuscleConstants, pull
 from stages.science.signals.trajectories import Array
 
@@ -37,8 +35,7 @@ def _balance(pressure: Array, contraction: Array, velocity: Array, muscles: Musc
     return acting
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the contraction of the muscle itself."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return _balance(
         np.ascontiguousarray(state.pressure_kpa),
         np.ascontiguousarray(signal),
@@ -63,7 +60,7 @@ EFFECT = ChainEffect(
     signature="force is short where it is large, more than in proportion, whatever the direction of motion",
     split_by="a wide range of pressure times contraction, standing still",
     relatives=("sensor_offset", "moment_arm_variation"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (EFFECT,)

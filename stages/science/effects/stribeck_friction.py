@@ -5,19 +5,17 @@ Without the rise it is Coulomb friction; a load cell at the muscle's tip does no
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from stages.science.effects import slide
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.plant.operators import PRESLIDING
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the tension at the joint's end, N."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     fading = np.exp(-((state.velocity_per_s / parameters["stribeck_per_s"]) ** 2))
     size = parameters["share"] * state.muscles.full_force_n * (1.0 + parameters["rise"] * fading)
     return signal - size * slide(state, parameters)
@@ -45,7 +43,7 @@ EFFECT = ChainEffect(
     signature="force steps at reversals by more in slow motion than in quick motion",
     split_by="reversals at constant pressure, from very slow to quick",
     relatives=("coulomb_friction", "capstan_friction"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (

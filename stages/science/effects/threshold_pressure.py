@@ -5,23 +5,20 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
-from stages.science.plant.effect import ChainEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure that acts on the braid, kPa."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     threshold = parameters["threshold_kpa"]
     return signal - np.minimum(np.maximum(signal, 0.0), threshold)
 
 
-def apply_gradually(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure that acts on the braid, kPa, less what saturates with pressure."""
+def _apply_gradually(signal: Array, state: State, parameters: Values) -> Array:
     taken = parameters["threshold_kpa"] * -np.expm1(-np.maximum(signal, 0.0) / parameters["scale_kpa"])
     return np.maximum(signal - taken, np.minimum(signal, 0.0))
 
@@ -43,7 +40,7 @@ EFFECT = ChainEffect(
     signature="force is short by a constant share of the area times pressure, at every pressure beyond the threshold",
     split_by="a slow sweep of pressure from zero at constant contraction",
     relatives=("pressure_dead_band", "sensor_offset"),
-    apply=apply,
+    apply=_apply,
 )
 
 FORMS = (
@@ -58,6 +55,6 @@ FORMS = (
             ),
         ),
         source="Holzapfel, Nonlinear solid mechanics (2000), chapter 6: a balloon of stiffening rubber",
-        apply=apply_gradually,
+        apply=_apply_gradually,
     ),
 )

@@ -2,17 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 
 from stages.science.effects import name_terms
-from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the command, kPa, later; a delay within a sample is the mean of the command over the sample."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     samples = parameters["delay_s"] / state.step_s
     whole = int(samples)
     share = samples - whole
@@ -31,9 +28,8 @@ EFFECT = ChainEffect(
     signature="pressure lags behind the command by the same time at every rate of change",
     split_by="steps of command, or a chirp to 10 Hz: a delay keeps the amplitude",
     relatives=("valve_lag",),
-    apply=apply,
+    apply=_apply,
 )
-
 
 LATE_INPUT = DynamicEffect(
     name="transport_delay",
@@ -48,7 +44,6 @@ LATE_INPUT = DynamicEffect(
     relatives=(),
     terms=name_terms(delay="periods"),
 )
-
 
 LATE_LAG = DynamicEffect(
     name="transport_delay",

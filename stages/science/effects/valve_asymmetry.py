@@ -6,16 +6,13 @@ signature is a pressure error whose sign goes with the direction of change.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from stages.science.effects import name_terms
-from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State, Values
 from stages.science.plant.filters import respond
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure, kPa, with the difference that unequal time constants make to the same command."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     tau, factor = state.muscles.valve_tau_s, 1.0 + parameters["asymmetry"]
     unequal = respond(state.command_kpa, tau / factor, tau * factor, state.step_s)
     equal = respond(state.command_kpa, tau, tau, state.step_s)
@@ -39,9 +36,8 @@ EFFECT = ChainEffect(
     signature="pressure errs after steps up and after steps down with the same sign: one is slow, the other quick",
     split_by="equal steps of command up and down",
     relatives=("valve_rate_limit", "valve_lag"),
-    apply=apply,
+    apply=_apply,
 )
-
 
 UNEQUAL_LAG = DynamicEffect(
     name="valve_asymmetry",

@@ -5,16 +5,13 @@ Two first-order lags in series turn a step of command into an S, which starts fl
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from stages.science.effects import name_terms
-from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State, Values
 from stages.science.plant.filters import lag
 from stages.science.signals.trajectories import Array
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure, kPa, behind the second lag."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return lag(signal, parameters["lag_s"], state.step_s)
 
 
@@ -31,9 +28,8 @@ EFFECT = ChainEffect(
     signature="pressure starts later than the model after a step and then catches up more steeply",
     split_by="steps of command, or a chirp to 10 Hz: a lag loses amplitude, a delay does not",
     relatives=("transport_delay", "valve_rate_limit"),
-    apply=apply,
+    apply=_apply,
 )
-
 
 SECOND_LAG = DynamicEffect(
     name="valve_lag",

@@ -5,13 +5,11 @@ The magnitude is the inverse of the limit: at zero there is none. Small and slow
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 import numpy as np
 from numba import njit
 
 from stages.science.effects import name_terms
-from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State, Values
 from stages.science.plant.filters import respond
 from stages.science.signals.trajectories import Array
 
@@ -34,8 +32,7 @@ def _follow_limited(command: Array, tau_s: Array, limit: float, step_s: float) -
     return pressure
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the pressure, kPa, with the difference that the limit makes to the same command."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     slowness, tau = parameters["slowness_s_per_mpa"], state.muscles.valve_tau_s
     if slowness == 0.0:
         return signal
@@ -59,9 +56,8 @@ EFFECT = ChainEffect(
     signature="pressure climbs straight after large steps, late by more the larger the step",
     split_by="small and large steps of command from one level",
     relatives=("valve_lag", "valve_asymmetry"),
-    apply=apply,
+    apply=_apply,
 )
-
 
 LIMITED_LAG = DynamicEffect(
     name="valve_rate_limit",

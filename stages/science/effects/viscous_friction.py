@@ -6,34 +6,30 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from stages.science.effects import name_terms
-from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State
+from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
 from stages.science.plant.muscle import pull_at_rest
 from stages.science.signals.trajectories import Array
 
 USUAL_PER_S = 0.1
 
 
-def apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less a share of the largest force per velocity."""
+def _apply(signal: Array, state: State, parameters: Values) -> Array:
     quick = state.velocity_per_s / USUAL_PER_S
     return signal - parameters["share"] * state.muscles.full_force_n * quick
 
 
-def apply_power(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less a power of velocity."""
+def _apply_power(signal: Array, state: State, parameters: Values) -> Array:
     quick = state.velocity_per_s / USUAL_PER_S
     bent = np.copysign(np.abs(quick) ** parameters["exponent"], quick)
     return signal - parameters["share"] * state.muscles.full_force_n * bent
 
 
-def apply_with_pressure(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    """Return the force, N, less a share of the force at this pressure per velocity."""
+def _apply_with_pressure(signal: Array, state: State, parameters: Values) -> Array:
     quick = state.velocity_per_s / USUAL_PER_S
     return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * quick
 
@@ -55,9 +51,8 @@ EFFECT = ChainEffect(
     signature="force is short in proportion to the velocity of shortening, and right at rest",
     split_by="the same way at three speeds and two pressures",
     relatives=("coulomb_friction", "channel_misalignment"),
-    apply=apply,
+    apply=_apply,
 )
-
 
 DAMPED_MOTION = DynamicEffect(
     name="viscous_friction",
@@ -72,7 +67,6 @@ DAMPED_MOTION = DynamicEffect(
     relatives=("coulomb_friction",),
     terms=name_terms(damping="share"),
 )
-
 
 QUADRATIC = DynamicEffect(
     name="viscous_friction",
@@ -91,8 +85,7 @@ QUADRATIC = DynamicEffect(
 )
 
 
-def apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    """Return an element's answer with a friction in proportion to the rate of its motion."""
+def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     return answer + parameters["share"] * bench.rate
 
 
@@ -106,7 +99,7 @@ DAMPED_ELEMENT = ElementEffect(
     signature="the answer errs in proportion to the rate of motion, and is right at rest",
     split_by="the same loop at three speeds: its width grows with speed",
     relatives=("coulomb_friction", "channel_misalignment"),
-    apply=apply_to_element,
+    apply=_apply_to_element,
 )
 
 FORMS = (
@@ -118,7 +111,7 @@ FORMS = (
             _share_of("the largest force"),
             Parameter("exponent", "1", 0.2, 2.5, 1.0, 0.5, "power of velocity", (0.5, 1.8)),
         ),
-        apply=apply_power,
+        apply=_apply_power,
     ),
     replace(
         EFFECT,
@@ -128,7 +121,7 @@ FORMS = (
             "Reynolds, Repperger, Phillips, Bandry, Modeling the dynamic characteristics of pneumatic muscle, Ann. "
             "Biomed. Eng. 31 (2003): damping grows with pressure"
         ),
-        apply=apply_with_pressure,
+        apply=_apply_with_pressure,
     ),
     DAMPED_MOTION,
     QUADRATIC,

@@ -33,18 +33,12 @@ ENOUGH = 1e-5
 
 @dataclass(frozen=True, eq=False)
 class Family:
-    """A family of functions without a physical name, linear in its weights.
-
-    Parameters
-    ----------
-    columns : (T, K, F) ndarray
-        What each weight of one adds to the channel, in the channel's unit.
-    sd : (F,) ndarray
-        Standard deviations of the weights' priors, whose means are zero.
-    """
+    """A family of functions without a physical name, linear in its weights."""
 
     columns: Array
+    """What each weight of one adds to the channel, (T, K, F), in the channel's unit."""
     sd: Array
+    """Standard deviations of the weights' priors, (F,), whose means are zero."""
 
 
 @dataclass(frozen=True)
@@ -142,28 +136,19 @@ class Grams:
 
 @dataclass(frozen=True)
 class Fit:
-    """A fitted model.
-
-    Parameters
-    ----------
-    values : (P,) ndarray
-        At the largest posterior density.
-    residual : (T, K) ndarray
-        Measured less simulated, zero where not present.
-    slopes : (T, K, P) ndarray
-        Derivatives of the simulated by the values, zero where not present.
-    white : Grams
-        By trial, of whitened signals.
-    free : (P,) ndarray of bool
-        Which values are not held by a bound.
-    """
+    """A fitted model."""
 
     model: Model
     values: Array
+    """At the largest posterior density, (P,)."""
     residual: Array
+    """Measured less simulated, (T, K), zero where not present."""
     slopes: Array
+    """Derivatives of the simulated by the values, (T, K, P), zero where not present."""
     white: Grams
+    """By trial, of whitened signals."""
     free: NDArray[np.bool_]
+    """Which values are not held by a bound, (P,)."""
 
     @property
     def precision(self) -> Array:

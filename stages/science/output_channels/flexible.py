@@ -32,24 +32,16 @@ TREES = {"max_iter": 25, "learning_rate": 0.3, "max_leaf_nodes": 12, "min_sample
 
 @dataclass(frozen=True)
 class Leftover:
-    """What a flexible model leaves of a residual, trial by trial, each left out in turn.
-
-    Parameters
-    ----------
-    raw : (K,) ndarray
-        Sums of squares left, in the channel's unit squared.
-    residual : (T, K) ndarray
-        What it leaves of each trial that it was not fitted to.
-    line_hz : float or None
-        Frequency of an oscillation in all trials that nothing measured explains; it is no noise, and not in the above.
-    linear_memory : bool
-        Whether a linear memory of the inputs leaves the least.
-    """
+    """What a flexible model leaves of a residual, trial by trial, each left out in turn."""
 
     raw: Array
+    """Sums of squares left, (K,), in the channel's unit squared."""
     residual: Array
+    """What it leaves of each trial that it was not fitted to, (T, K)."""
     line_hz: float | None
+    """Frequency of an oscillation in all trials that nothing measured explains: no noise, and not in the above."""
     linear_memory: bool = False
+    """Whether a linear memory of the inputs leaves the least."""
 
 
 def keep_least(
@@ -81,18 +73,10 @@ def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
 
 
 def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None) -> Array:
-    """Return what is left of each trial's residual, (T, K), when the others' is fitted by generic features.
+    """Return what is left of each trial's residual, (T, K), when the others' is fitted by generic features, (T, K, F).
 
-    Parameters
-    ----------
-    fit : Fit
-        The model whose residual it is; its own values may change along with the features' weights.
-    features : (T, K, F) ndarray
-        Of its output, zero where not present.
-    noise : Noise or None
-        None takes the residual as white.
-    learnt : (K,) ndarray of bool, optional
-        Trials that it may be fitted to; all, unless told.
+    The model's own values may change along with the features' weights. Without a noise, the residual is taken as white.
+    `learnt` is a mask of the trials that it may be fitted to, (K,); all, unless told.
     """
     output = fit.model.output
     present = output.present
@@ -163,12 +147,11 @@ def _leave_each_out(white: Array, raw: Array, precision: Array, learnt: Mask) ->
     best: tuple[float, Array] | None = None
     for penalty in PENALTIES:
         ridge = np.concatenate([precision, np.full(total.shape[0] - first, penalty)])
-        weights = np.stack(
-            [
-                np.linalg.solve(total - known * grams.slopes[k] + np.diag(ridge), cross - known * grams.cross[k])
-                for k, known in enumerate(learnt.astype(float))
-            ]
-        )
+        solved = [
+            np.linalg.solve(total - known * grams.slopes[k] + np.diag(ridge), cross - known * grams.cross[k])
+            for k, known in enumerate(learnt.astype(float))
+        ]
+        weights = np.stack(solved)
         left = grams.left_out(weights)
         if best is not None and left[learnt].sum() >= best[0]:
             break

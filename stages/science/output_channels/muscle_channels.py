@@ -49,32 +49,22 @@ class Build:
 
 @dataclass(frozen=True)
 class Records:
-    """Trials of one muscle, gaps filled; (T, K) arrays, and (K,) for the trials' starts.
-
-    Parameters
-    ----------
-    start_s : (K,) ndarray
-        Start of each trial in the session, s.
-    command_kpa, pressure_kpa, contraction, velocity_per_s, force_n : (T, K) ndarray
-        As measured; where a gap was, a bridge.
-    smooth_pressure_kpa : (T, K) ndarray
-        Pressure without most of its sensor's noise.
-    known : mapping of str to (T, K) ndarray of bool
-        By signal, where it was measured.
-    others : mapping of str to (T, K) ndarray
-        Signals of other muscles and joints.
-    """
+    """Trials of one muscle as measured, gaps bridged; (T, K) arrays, and (K,) for the trials' starts."""
 
     step_s: float
     start_s: Array
+    """Start of each trial in the session, s."""
     command_kpa: Array
     pressure_kpa: Array
     contraction: Array
     velocity_per_s: Array
     force_n: Array
     smooth_pressure_kpa: Array
+    """Pressure without most of its sensor's noise."""
     known: Mapping[str, NDArray[np.bool_]]
+    """By signal, where it was measured."""
     others: Mapping[str, Array]
+    """Signals of other muscles and joints."""
 
     def take(self, trials: Sequence[int]) -> Records:
         """Return some of the trials."""
@@ -86,7 +76,7 @@ class Records:
         return replace(self, start_s=self.start_s[chosen], **taken)
 
 
-@dataclass(frozen=True)
+@dataclass
 class MuscleChannel(OutputChannel):
     """A channel of one muscle, named as what is measured of it; the signals needed tell where it is present."""
 
@@ -97,32 +87,11 @@ class MuscleChannel(OutputChannel):
     load_cell_site: Literal["muscle_tip", "joint_end"]
     limits: DetectionSettings
 
-    @property
-    def element(self) -> str:  # type: ignore[override]
-        """The muscle's name."""
-        return self.build.name
-
-    @property
-    def measured(self) -> Array:  # type: ignore[override]
-        """What the sensor showed."""
-        signal: Array = getattr(self.records, self.channel)
-        return signal
-
-    @property
-    def present(self) -> NDArray[np.bool_]:  # type: ignore[override]
-        """Where all that it needs was measured."""
-        present: NDArray[np.bool_] = np.logical_and.reduce([self.records.known[name] for name in self.needed])
-        return present
-
-    @property
-    def step_s(self) -> float:  # type: ignore[override]
-        """Time between samples, s."""
-        return self.records.step_s
-
-    @property
-    def start_s(self) -> Array:  # type: ignore[override]
-        """Start of each trial in the session, s."""
-        return self.records.start_s
+    def __post_init__(self) -> None:
+        records = self.records
+        self.element, self.step_s, self.start_s = self.build.name, records.step_s, records.start_s
+        self.measured = getattr(records, self.channel)
+        self.present = np.logical_and.reduce([records.known[name] for name in self.needed])
 
     def take(self, trials: Sequence[int]) -> Self:
         """Return the output with some of its trials."""

@@ -73,18 +73,10 @@ def _whiten_trials(values: Array, present: NDArray[np.bool_], noise: Array, step
 
 
 def whiten(values: Array, present: NDArray[np.bool_], noise: Noise, step_s: float) -> Array:
-    """Return signals as the noise's innovations, each over its standard deviation.
+    """Return signals as the noise's innovations, each over its standard deviation; linear in them, without a unit.
 
-    Parameters
-    ----------
-    values : (T, K, Q) ndarray
-        Q signals in K trials of T samples; the result is linear in them, without a unit.
-    present : (T, K) ndarray of bool
-        Where the channel was measured; elsewhere nothing is taken in and zero comes out.
-    noise : Noise
-        Of the channel.
-    step_s : float
-        Time between samples, s.
+    Values are those of Q signals in K trials of T samples, (T, K, Q); where not present, (T, K), nothing is taken in
+    and zero comes out.
     """
     white: Array = _whiten_trials(np.ascontiguousarray(values), present, np.array(noise), step_s)[0]
     return white
@@ -103,12 +95,7 @@ def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float, l
     White noise has a lower bound: without it a residual would be judged by its steps alone, and a simulation whose
     steps come one sample early or late would be worse than one without steps.
 
-    Parameters
-    ----------
-    residual : (T, K) ndarray
-        What a flexible model leaves; ignored where not present.
-    present, step_s
-        As in `whiten`.
+    The residual is what a flexible model leaves, (T, K), ignored where not present.
 
     Raises
     ------

@@ -45,27 +45,19 @@ class DetectionSettings(Declared):
 
 @dataclass(frozen=True)
 class EffectForm:
-    """One literature form of a named effect, as an output offers it at a site.
-
-    Parameters
-    ----------
-    parameters : tuple of Parameter
-        The first is the magnitude.
-    effect : object
-        What the output's `simulate` takes.
-    scales : bool
-        Whether what it does grows in proportion to its magnitude, to begin with.
-    tried : bool
-        Whether it is judged by some steps of a fit from each of its starts, and not by a slope.
-    """
+    """One literature form of a named effect, as an output offers it at a site."""
 
     name: str
     form: str
     site: str
     parameters: tuple[Parameter, ...]
+    """The first is the magnitude."""
     effect: object
+    """What the output's `simulate` takes."""
     scales: bool = True
+    """Whether what it does grows in proportion to its magnitude, to begin with."""
     tried: bool = False
+    """Whether it is judged by some steps of a fit from each of its starts, and not by a slope."""
 
 
 Placed = Sequence[tuple[EffectForm, Mapping[str, float]]]
@@ -105,64 +97,41 @@ def list_starts(form: EffectForm, most: int = MOST_STARTS) -> list[dict[str, flo
 
 @dataclass(frozen=True)
 class Driver:
-    """A measured signal, (T, K) without gaps, that may explain a residual; its name ends in its unit.
-
-    Parameters
-    ----------
-    own : bool
-        Whether it belongs to this element; others' get fewer features.
-    rate : bool
-        Whether its sign is a direction of motion.
-    """
+    """A measured signal, (T, K) without gaps, that may explain a residual; its name ends in its unit."""
 
     name: str
     values: Array
     own: bool = True
+    """Whether it belongs to this element; others' get fewer features."""
     rate: bool = False
+    """Whether its sign is a direction of motion."""
 
 
 class OutputChannel(ABC):
-    """One channel of one element over K trials of at most T samples.
-
-    Attributes
-    ----------
-    channel, element : str
-        Names as in the verdict, for example ``force_n`` and ``pam1``.
-    step_s : float
-        Time between samples, s.
-    measured : (T, K) ndarray
-        Without gaps; meaningless where not present.
-    present : (T, K) ndarray of bool
-        Where the channel and all that it is simulated from were measured.
-    start_s : (K,) ndarray
-        Start of each trial in the session, s.
-    limits : DetectionSettings
-        From where on the values show saturation, a spectral line, or noise.
-    constants : tuple of Parameter
-        Nominal constants with bounds and priors; a fit begins at the priors' means.
-    time_scale_s : float
-        Time of a usual movement, s; regimes of time and frequency are told by it.
-    resolution : float
-        Numerical error of any simulation, in the channel's unit; the noise floor is never below it.
-    other_starts : sequence of mapping
-        Other starting values of some constants for the nominal fit; the best fit is taken.
-    jitters : bool
-        Whether each trial may have an offset and a gain of its own, as parts of one record have not.
-    """
+    """One channel of one element over K trials of at most T samples."""
 
     channel: str
+    """Its name and the element's are those of the verdict, for example ``force_n`` and ``pam1``."""
     element: str
     unit: str
     step_s: float
     measured: Array
+    """(T, K), without gaps; meaningless where not present."""
     present: NDArray[np.bool_]
+    """Where the channel and all that it is simulated from were measured, (T, K)."""
     start_s: Array
+    """Start of each trial in the session, (K,), s."""
     limits: DetectionSettings
     constants: tuple[Parameter, ...]
+    """Nominal constants with bounds and priors; a fit begins at the priors' means."""
     time_scale_s: float = 1.0
+    """Time of a usual movement; regimes of time and frequency are told by it."""
     resolution: float = 0.0
+    """Numerical error of any simulation, in the channel's unit; the noise floor is never below it."""
     other_starts: Sequence[dict[str, float]] = ()
+    """Other starting values of some constants for the nominal fit; the best fit is taken."""
     jitters: bool = True
+    """Whether each trial may have an offset and a gain of its own, as parts of one record have not."""
 
     @property
     @abstractmethod
@@ -228,10 +197,7 @@ class OutputChannel(ABC):
     def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> OutputChannel:
         """Return the output with its inputs corrected for effects of upstream sensors; itself where there are none.
 
-        Parameters
-        ----------
-        effects : sequence of (name, form, parameters)
-            Of another channel of this element.
+        Those are of another channel of this element: (name, form, parameters).
         """
         return self
 

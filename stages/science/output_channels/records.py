@@ -17,12 +17,7 @@ SHARPENED = 24.0
 
 
 def spread_records(signals: pd.DataFrame, names: Sequence[str]) -> tuple[dict[str, pd.DataFrame], float]:
-    """Return each record's signals, a column each, by time; and the time between samples, s.
-
-    Parameters
-    ----------
-    signals : DataFrame
-        Columns ``record``, ``time_s``, ``signal`` and ``value``; times evenly spaced within a record.
+    """Return each record's signals, a column each, by evenly spaced times; and the time between samples, s.
 
     Raises
     ------
@@ -37,27 +32,11 @@ def spread_records(signals: pd.DataFrame, names: Sequence[str]) -> tuple[dict[st
     return records, float(np.median(np.diff(next(iter(records.values())).index)))
 
 
-def list_blocks(trials: pd.DataFrame) -> list[tuple[str, float, int, int, int]]:
-    """Return record, start (s), samples, and samples left out at the beginning and at the end of each block.
-
-    Parameters
-    ----------
-    trials : DataFrame
-        Columns ``record``, ``start_s`` and ``samples``, and, where blocks are kept apart, ``left_before`` and
-        ``left_after``.
-    """
-    apart = trials.assign(**{name: 0 for name in ("left_before", "left_after") if name not in trials})
-    columns = apart[["record", "start_s", "samples", "left_before", "left_after"]].itertuples(index=False)
-    return [(str(a), float(b), int(c), int(d), int(e)) for a, b, c, d, e in columns]
-
-
 def bridge(column: pd.Series) -> Array:
     """Return values with gaps bridged by straight lines and ends held."""
     values = column.to_numpy(dtype=float)
     known = np.flatnonzero(np.isfinite(values))
-    if not len(known):
-        return np.zeros(len(values))
-    return np.interp(np.arange(len(values)), known, values[known])
+    return np.interp(np.arange(len(values)), known, values[known]) if len(known) else np.zeros(len(values))
 
 
 def bridge_short(column: pd.Series, longest: int) -> pd.Series:
@@ -70,11 +49,8 @@ def bridge_short(column: pd.Series, longest: int) -> pd.Series:
 def thin_out(rows: pd.DataFrame, stride: int, pushing: Sequence[str] = ()) -> pd.DataFrame:
     """Return means of each `stride` samples of a record, at the time of the first; missing where one is missing.
 
-    Parameters
-    ----------
-    pushing : sequence of str
-        Signals that push a motion. It adds their noise up twice, so that not only how much they push matters but when:
-        their means are weighted by triangles, which keep both.
+    A motion adds the noise of signals that are `pushing` it up twice, so that not only how much they push matters but
+    when: their means are weighted by triangles, which keep both.
     """
     if stride == 1:
         return rows

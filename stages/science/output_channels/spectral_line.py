@@ -22,14 +22,7 @@ WIDEST = 2.0
 
 
 def find_line(residual: Array, present: NDArray[np.bool_], step_s: float, limits: DetectionSettings) -> float | None:
-    """Return the frequency of a line in a residual, Hz, or None.
-
-    Parameters
-    ----------
-    residual : (T, K) ndarray
-        In any unit; it counts where present.
-    step_s : float
-        Time between samples, s.
+    """Return the frequency of a line in a residual, (T, K), which counts where present; Hz, or None.
 
     Notes
     -----

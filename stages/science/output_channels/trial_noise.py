@@ -20,21 +20,13 @@ SMALLEST = 1e-6
 
 @dataclass(frozen=True)
 class TrialNoise:
-    """Standard deviations of the parts of a trial's residual, in the channel's unit.
-
-    Parameters
-    ----------
-    shape : float
-        Of its shape, as if samples were independent: larger than the shape's own where they are not.
-    offset : float
-        Of its offset.
-    gain : float
-        Of its part along the measured signal, as a root mean square.
-    """
+    """Standard deviations of the parts of a trial's residual, in the channel's unit."""
 
     shape: float
+    """As if samples were independent: larger than the shape's own where they are not."""
     offset: float
     gain: float
+    """Of the part along the measured signal, as a root mean square."""
 
     def whiten(self, signals: Array, output: OutputChannel) -> Array:
         """Return signals, (T, K, Q), whose sum of squares is that of their parts, each over its variance."""

@@ -30,8 +30,8 @@ from stages.science.output_channels.output_channel import (
     list_starts,
     map_in_threads,
 )
-from stages.science.output_channels.records import bridge, bridge_short, list_blocks, spread_records, thin_out
-from stages.science.plant.effect import Parameter, list_effects
+from stages.science.output_channels.records import bridge, bridge_short, spread_records, thin_out
+from stages.science.plant.effect import list_effects
 from stages.science.plant.effect_config import list_effects_at
 from stages.science.plant.record_plant import HEAD, InitialState, RecordPlant, read_initial_state
 from stages.science.recording.units import own_unit
@@ -59,69 +59,35 @@ class _Group(NamedTuple):
     begun: InitialState
 
 
-@dataclass(frozen=True)
+@dataclass
 class WholeRecordChannel(OutputChannel):
-    """Blocks of a machine's records.
-
-    Parameters
-    ----------
-    plant : RecordPlant
-        Resolved from the data; effects that it lists already act.
-    records : tuple of mapping of str to (N_r,) ndarray
-        Inputs and output of each record, gaps bridged.
-    places : tuple of (int, int)
-        Record and first sample of each block.
-    begun : tuple of InitialState
-        How each record begins.
-    head : int
-        Samples by which that may be refined.
-    averaged : int
-        Samples of the record in one of the output.
-    """
+    """Blocks of a machine's records."""
 
     plant: RecordPlant
+    """Resolved from the data; effects that it lists already act."""
     step_s: float
     records: tuple[Mapping[str, Array], ...]
+    """Inputs and output of each record, (N_r,), gaps bridged."""
     places: tuple[tuple[int, int], ...]
+    """Record and first sample of each block."""
     measured: Array
     present: NDArray[np.bool_]
     start_s: Array
     element: str
     begun: tuple[InitialState, ...]
+    """How each record begins."""
     head: int
+    """Samples by which that may be refined."""
     averaged: int
+    """Samples of the record in one of the output."""
     limits: DetectionSettings
     jitters = False
 
-    @property
-    def channel(self) -> str:  # type: ignore[override]
-        """The answer's name, which ends in its unit."""
-        return self.plant.output
-
-    @property
-    def unit(self) -> str:  # type: ignore[override]
-        """The answer's unit."""
-        return own_unit(self.channel)
-
-    @property
-    def time_scale_s(self) -> float:  # type: ignore[override]
-        """Time of a usual movement, s."""
-        return self.plant.movement_s
-
-    @property
-    def constants(self) -> tuple[Parameter, ...]:  # type: ignore[override]
-        """Constants of the plant."""
-        return self.plant.parameters
-
-    @property
-    def resolution(self) -> float:  # type: ignore[override]
-        """What averaging samples may change in a motion, and rounding in any, as a share of its range."""
-        return (AVERAGED if self.averaged > 1 else ROUNDED) * self.range
-
-    @property
-    def other_starts(self) -> list[dict[str, float]]:  # type: ignore[override]
-        """The plant's."""
-        return self.plant.other_starts
+    def __post_init__(self) -> None:
+        plant = self.plant
+        self.channel, self.unit, self.time_scale_s = plant.output, own_unit(plant.output), plant.movement_s
+        self.constants, self.other_starts = plant.parameters, plant.other_starts
+        self.resolution = (AVERAGED if self.averaged > 1 else ROUNDED) * self.range
 
     @property
     def forms(self) -> tuple[EffectForm, ...]:
@@ -215,12 +181,10 @@ class WholeRecordChannel(OutputChannel):
 
     def drivers(self) -> list[Driver]:
         """Return what the plant watches, cut into blocks."""
-        watched = {
-            record: self.plant.watch(
-                {name: values[:, None] for name, values in self.records[record].items()}, self.step_s, self._linear
-            )
-            for record in self._used
-        }
+        watched = {}
+        for record in self._used:
+            signals = {name: values[:, None] for name, values in self.records[record].items()}
+            watched[record] = self.plant.watch(signals, self.step_s, self._linear)
         first = watched[self._used[0]]
         if len({rate for *_, rate in first}) < 2:
             told = ", ".join(f"{name} (rate={rate})" for name, _, rate in first) or "none"
@@ -268,21 +232,16 @@ class WholeRecordChannel(OutputChannel):
     def take(self, trials: Sequence[int]) -> Self:
         """Return the output with some of its blocks, by position."""
         chosen = list(trials)
-        return replace(
-            self,
-            places=tuple(self.places[k] for k in chosen),
-            measured=np.ascontiguousarray(self.measured[:, chosen]),
-            present=np.ascontiguousarray(self.present[:, chosen]),
-            start_s=self.start_s[chosen],
-        )
+        places, starts = tuple(self.places[k] for k in chosen), self.start_s[chosen]
+        measured = np.ascontiguousarray(self.measured[:, chosen])
+        present = np.ascontiguousarray(self.present[:, chosen])
+        return replace(self, places=places, measured=measured, present=present, start_s=starts)
 
     def _cut(self, whole: Mapping[int, Array]) -> Array:
         """Return the blocks of whole records; beyond a record's end its last value."""
         samples = np.arange(len(self.measured))
-        return np.stack(
-            [whole[record][np.minimum(first + samples, len(whole[record]) - 1)] for record, first in self.places],
-            axis=1,
-        )
+        taken = [(whole[record], first) for record, first in self.places]
+        return np.stack([values[np.minimum(first + samples, len(values) - 1)] for values, first in taken], axis=1)
 
 
 def build_whole_records(
@@ -295,7 +254,8 @@ def build_whole_records(
     signals : DataFrame
         Columns ``record``, ``time_s``, ``signal`` and ``value``; times evenly spaced within a record.
     trials : DataFrame
-        Columns ``record``, ``start_s`` and ``samples``: the blocks, in the order of the arrays' last axis.
+        Columns ``record``, ``start_s`` and ``samples``: the blocks, in the order of the arrays' last axis; and, where
+        blocks are kept apart, ``left_before`` and ``left_after``: samples left out at their ends.
 
     Raises
     ------
@@ -306,9 +266,8 @@ def build_whole_records(
     names = (*plant.inputs, plant.output)
     records, step_s = spread_records(signals, names)
     _check_records(records, trials, plant)
-    resolved = plant.resolve_from_data(
-        [{name: bridge(rows[name]) for name in names} for rows in records.values()], step_s
-    )
+    bridged = [{name: bridge(rows[name]) for name in names} for rows in records.values()]
+    resolved = plant.resolve_from_data(bridged, step_s)
     stride = max(int(resolved.finest_s / step_s), 1)
     order = {name: k for k, name in enumerate(records)}
     thinned = []
@@ -320,10 +279,11 @@ def build_whole_records(
     known = [_find_known(rows, plant, resolved.memory_s / step_s) for rows in thinned]
     samples = int(trials["samples"].max()) // stride
     places, measured, present = [], [], []
-    for name, start, count, before, after in list_blocks(trials):
-        record, first = order[name], round(start / step_s)
+    for block in trials.to_dict("records"):
+        record, first = order[str(block["record"])], round(block["start_s"] / step_s)
+        before, after = (block.get(f"left_{end}", 0) for end in ("before", "after"))
         at = first + np.arange(samples)
-        inside = (at >= first - (-before // stride)) & (at < first + (count - after) // stride)
+        inside = (at >= first - (-before // stride)) & (at < first + (block["samples"] - after) // stride)
         inside &= at < len(known[record])
         at = np.minimum(at, len(known[record]) - 1)
         places.append((record, first))
@@ -345,10 +305,7 @@ def build_whole_records(
         np.stack(present, axis=1),
         trials["start_s"].to_numpy(dtype=float),
         resolved.element,
-        tuple(
-            read_initial_state([bridge(rows[plant.output])[:HEAD]], first_s, 0.5 * (step_s - first_s))
-            for rows in records.values()
-        ),
+        tuple(read_initial_state([each[plant.output][:HEAD]], first_s, 0.5 * (step_s - first_s)) for each in bridged),
         max(HEAD // stride, 3),
         stride,
         limits,

@@ -32,6 +32,8 @@ Signal = Literal[
     "tension_n",
     "sensed_force_n",
 ]
+Values = Mapping[str, float]
+"""Parameters of an effect by name."""
 
 
 @dataclass(frozen=True)

@@ -1,7 +1,8 @@
 """The whole search on one dataset, up to the decision, and the search that knows the true names as its upper bound.
 
 Outputs with all trials flow in, with the positions of the test trials; out flow the search, the decision, and the gap
-on the test trials before, after, at the noise floor, and with the true names known.
+on the test trials before, after, at the noise floor, and with the true names known; and how well one form reproduces an
+effect that was simulated elsewhere, without noise.
 """
 
 from __future__ import annotations
@@ -14,11 +15,18 @@ from scipy.stats import t
 
 from stages.science.discrepancy.decision import Decision, decide
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, prepare_all
+from stages.science.discrepancy.screening import screen
 from stages.science.discrepancy.search import Search, search
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.verification import find_test_floor
-from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.output_channels.fitting import Fit, Model, fit
+from stages.science.output_channels.noise import Noise
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.signals.trajectories import Array
+
+FINE = 1e-3
+"""Standard deviation over the range by which noise-free records are fitted; small, so that priors hardly matter."""
+STEPS = 40
 
 
 @dataclass(frozen=True)
@@ -52,14 +60,8 @@ class Judgement:
     ) -> tuple[float, float, float]:
         """Return the share of the squared gap on further trials that the decision removes, with its interval.
 
-        Parameters
-        ----------
-        outputs : sequence of OutputChannel
-            The same outputs of a longer session.
-        trials : sequence of int
-            Positions of its further trials.
-        level : float
-            Of Student's interval of the mean difference, paired by trial.
+        They are those at positions `trials` of the same outputs of a longer session; the interval is Student's, of the
+        mean difference, paired by trial.
         """
         before, after = (
             sum(
@@ -93,18 +95,9 @@ def judge(
     settings: DiscrepancySettings,
     draw: Callable[..., np.random.Generator],
 ) -> Judgement:
-    """Return what the search finds in a dataset, and what is said of it.
+    """Return what the search finds in outputs with all trials, those at positions `test` not fitted, and says of it.
 
-    Parameters
-    ----------
-    outputs : sequence of OutputChannel
-        With all trials.
-    test : sequence of int
-        Positions of the trials that are not fitted.
-    settings : DiscrepancySettings
-        Of the workflow.
-    draw : callable
-        Returns the generator of a purpose, or of a purpose and a part of the trials.
+    `draw` returns the generator of a purpose, or of a purpose and a part of the trials.
     """
     fitted = [trial for trial in range(outputs[0].trials) if trial not in set(test)]
     prepared = prepare_all([output.take(fitted) for output in outputs])
@@ -113,16 +106,9 @@ def judge(
 
 
 def search_with_truth(judged: Judgement, names: Collection[str], generator: np.random.Generator) -> Search:
-    """Return the search that knows the true names and adds them however little they gain.
+    """Return the search that has the true names alone for a library and adds them however little they gain.
 
-    Parameters
-    ----------
-    judged : Judgement
-        Of the dataset.
-    names : collection of str
-        True names; the library is restricted to them.
-    generator : numpy.random.Generator
-        Draws weights of trials.
+    `generator` draws weights of trials.
     """
     every = ("least_gain", "least_share", "least_rest")
     easy = {"smallest_gap": 1.0, **dict.fromkeys(every, 0.0), "none_prior": 1e-9, "most_effects": len(names)}
@@ -146,3 +132,24 @@ def _square_residual(output: OutputChannel, fitted: Fitted, trials: Sequence[int
     counts = present.sum(axis=0)
     squares = np.where(present, output.measured[:, trials] - simulated[:, trials], 0.0) ** 2
     return squares.sum(axis=0) / np.maximum(counts, 1), counts
+
+
+def explain_exactly(form: EffectForm, with_it: OutputChannel, without: OutputChannel) -> tuple[float, float]:
+    """Return an effect's size and what a form leaves of it, root mean squares over the range.
+
+    What the nominal model itself leaves without the effect, as of filters and geometry, is taken off both residuals.
+    """
+    noise = Noise(FINE * with_it.range, 1e-12, 0.03, 1e-12, 1.0)
+    nominal, plain = (fit(Model(output), noise, Model(output).start, STEPS) for output in (with_it, without))
+
+    def differ(first: Fit) -> float:
+        difference = (first.residual - plain.residual)[with_it.present]
+        return float(np.sqrt((difference**2).mean()) / with_it.range)
+
+    effect = differ(nominal)
+    promised = screen(nominal, noise, [form])
+    if not promised:
+        return effect, effect
+    added = [promised[0].start[each.name] for each in form.parameters]
+    amended = fit(Model(with_it, (form,)), noise, np.concatenate([nominal.values, added]), STEPS)
+    return effect, min(differ(amended), effect)

@@ -4,59 +4,47 @@ from __future__ import annotations
 
 import math
 from collections.abc import Mapping
-from dataclasses import dataclass
-from typing import Any
+from typing import Annotated, Any
 
 import numpy as np
 import pandas as pd
+from pydantic import BaseModel, Field
 
-NONE, UNKNOWN, ABSORBED = "none", "unknown", "absorbed"
+NONE, ABSORBED = "none", "absorbed"
 SHOWN = 3
 """Number of candidates of the ranking that are listed."""
 
 
-@dataclass(frozen=True)
-class Rules:
-    """When an effect is absorbed, how large it is, and which names count as one.
+class NameClass(BaseModel, extra="forbid", frozen=True, strict=True):
+    """Names that count as one."""
 
-    Parameters
-    ----------
-    smallest_gap : float
-        Gap over the noise floor below which an effect is absorbed.
-    absorbed_share : float
-        Share of its change that the constants imitate from which it is absorbed.
-    magnitudes : mapping of str to float
-        Gap over the floor from which an effect is so large, growing.
-    least_closable : float
-        Share of the gap before that the truth must close for a closed share to mean anything.
-    classes : tuple of frozenset of str
-        Names that are not told apart.
-    """
+    names: Annotated[list[str], Field(min_length=2, max_length=3)]
+    reason: str
 
-    smallest_gap: float
-    absorbed_share: float
-    magnitudes: Mapping[str, float]
-    least_closable: float
-    classes: tuple[frozenset[str], ...]
+
+class Rules(BaseModel):
+    """When an effect is absorbed, how large it is (gap over the floor, growing), and which names count as one."""
+
+    smallest_gap: Annotated[float, Field(gt=1.0, le=10.0)]
+    most_confounded: Annotated[float, Field(gt=0.5, lt=1.0)]
+    magnitudes: dict[str, Annotated[float, Field(ge=1.0)]]
+    least_closable: Annotated[float, Field(ge=0.0, lt=1.0)]
+    classes: list[NameClass]
 
     def alike(self, said: str, true: str) -> bool:
         """Return whether two names are the same or of one class."""
-        return said == true or any({said, true} <= each for each in self.classes)
+        return said == true or any({said, true} <= {*each.names} for each in self.classes)
 
     def size(self, truth: pd.DataFrame) -> str:
         """Return how large what was hidden is: of two effects, the smaller."""
-        if truth.empty:
-            return NONE
-        sizes = [self._size_one(rows) for _, rows in truth.groupby("order")]
-        return min(sizes, key=[ABSORBED, *self.magnitudes].index)
-
-    def _size_one(self, rows: pd.DataFrame) -> str:
-        imitated = rows["absorbed_share"].min() > self.absorbed_share
-        if imitated or rows["gap_over_floor"].max() < self.smallest_gap:
-            return ABSORBED
-        gap = _root_mean_square(rows["gap_over_floor"])
-        reached = [name for name, least in self.magnitudes.items() if gap >= least]
-        return reached[-1] if reached else ABSORBED
+        sizes = []
+        for _, rows in truth.groupby("order"):
+            imitated = rows["absorbed_share"].min() > self.most_confounded
+            lost = imitated or rows["gap_over_floor"].max() < self.smallest_gap
+            gap = _root_mean_square(rows["gap_over_floor"])
+            reached = [name for name, least in self.magnitudes.items() if gap >= least and not lost]
+            sizes.append(reached[-1] if reached else ABSORBED)
+        return min(sizes, key=[ABSORBED, *self.magnitudes].index, default=NONE)
 
 
 def _root_mean_square(values: pd.Series) -> float:
@@ -66,29 +54,16 @@ def _root_mean_square(values: pd.Series) -> float:
 def score(
     sessions: pd.DataFrame, truth: pd.DataFrame, named: pd.DataFrame, ranking: pd.DataFrame, rules: Rules
 ) -> list[dict[str, Any]]:
-    """Return a row for each session.
-
-    Parameters
-    ----------
-    sessions : DataFrame
-        Columns ``session kind asked status unexplained_channel before after oracle floor``.
-    truth, named : DataFrame
-        A row per session, effect in its order, and muscle.
-    ranking : DataFrame
-        Candidates of each session by place.
-    """
-    rows = [{str(name): value for name, value in row.items()} for row in sessions.to_dict("records")]
-    by = [dict(tuple(frame.groupby("session"))) for frame in (truth, named, ranking)]
-    bare = [frame.iloc[:0] for frame in (truth, named, ranking)]
+    """Return a row for each session, of the tables ``blind_...`` of `blinded_suite`."""
     found = []
-    for row in rows:
-        hidden, said, listed = (some.get(row["session"], none) for some, none in zip(by, bare, strict=True))
-        found.append(_judge(row, hidden, said, listed, rules))
+    for row in sessions.to_dict("records"):
+        its = (frame[frame["session"] == row["session"]] for frame in (truth, named, ranking))
+        found.append(_judge(row, *its, rules=rules))
     return found
 
 
 def _judge(
-    row: Mapping[str, Any], truth: pd.DataFrame, named: pd.DataFrame, ranking: pd.DataFrame, rules: Rules
+    row: Mapping[Any, Any], truth: pd.DataFrame, named: pd.DataFrame, ranking: pd.DataFrame, *, rules: Rules
 ) -> dict[str, Any]:
     hidden, said = _by_name(truth), _by_name(named)
     first = next(iter(said), "")
@@ -121,13 +96,7 @@ def _judge(
 
 
 def list_said(truth: pd.DataFrame, named: pd.DataFrame, rules: Rules) -> pd.DataFrame:
-    """Return every name that was said, once a session, under ``session name probability right``.
-
-    Parameters
-    ----------
-    truth, named : DataFrame
-        A row per session, effect in its order, and muscle.
-    """
+    """Return every name that was said, once a session, under ``session name probability right``."""
     hidden = truth.groupby("session")["name"].unique()
     said = named.drop_duplicates(["session", "order"])[["session", "name", "probability"]]
     right = [

@@ -2,7 +2,7 @@
 
 import pytest
 
-from tests.benchmark.verdicts import decide_on
+from tests.benchmark.test_verdicts import decide_on
 
 
 @pytest.mark.parametrize("seed", [100000, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (100001, 100009))])

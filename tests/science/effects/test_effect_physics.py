@@ -99,19 +99,15 @@ def test_an_effect_without_memory_is_its_law(form, where, parameters, law):
     assert np.abs(bent - plain).max() > 1e-3 * FULL
 
 
-def test_a_law_is_that_of_the_muscles_own_size():
+def test_a_law_is_that_of_the_muscles_own_size_and_the_joints_end_alone_sees_cable_friction():
     velocity, full = np.array([-0.1, 0.0, 0.1]), constants(1, "pam2").full_force_n[0]
     bent, plain = force("coulomb_friction-cable", 300.0, 0.1, velocity, "pam2", share=0.02, sliding_per_s=1e-3)
     assert bent - plain == pytest.approx([0.02 * full, 0.0, -0.02 * full])
+    for form in ("capstan_friction", "coulomb_friction-cable", "stribeck_friction"):
+        assert np.array_equal(*force(form, 300.0, 0.1, V, site="muscle_tip"))
 
 
-@pytest.mark.parametrize("form", ["capstan_friction", "coulomb_friction-cable", "stribeck_friction"])
-def test_the_joints_end_alone_sees_cable_friction(form):
-    at_tip, plain = force(form, 300.0, 0.1, V, site="muscle_tip")
-    assert np.array_equal(at_tip, plain)
-
-
-FLAT = np.full(400, 200.0)
+FLAT, WARMING = np.full(400, 200.0), {"drift_kpa": 5.0, "tau_s": 300.0}
 READINGS = [
     # form, command, its parameters, the pressure that it should show for the plain one
     ("saturation-pressure", SWEEP, {"mpa_over_level": 4.0}, lambda p: np.minimum(p, 250.0)),
@@ -119,12 +115,7 @@ READINGS = [
     ("sensor_offset-pressure", FLAT, {"offset_kpa": 4.0}, lambda p: p + 4.0),
     ("sensor_gain-pressure", FLAT, {"error": -0.1}, lambda p: p - 20.0),
     ("sensor_drift-pressure_linear", FLAT, {"drift_kpa_per_min": 2.0}, lambda p: p + SINCE / 30.0),
-    (
-        "sensor_drift-pressure_warming",
-        FLAT,
-        {"drift_kpa": 5.0, "tau_s": 300.0},
-        lambda p: p + 5.0 * (1 - np.exp(-SINCE / 300.0)),
-    ),
+    ("sensor_drift-pressure_warming", FLAT, WARMING, lambda p: p + 5.0 * (1 - np.exp(-SINCE / 300.0))),
 ]
 
 
@@ -149,13 +140,10 @@ def test_loops_dissipate_the_sum_of_their_parallelograms_at_any_speed(kpa, sampl
     share, width = 0.05, 0.02
     radii = width * np.array([0.25, 0.5, 0.75, 1.0])
     plays = share * FULL * np.sum(2 * radii * (0.1 - 2 * radii)) / radii.sum()
-    assert dissipate("hysteresis-prandtl_ishlinskii", kpa, samples, share=share, width=width) == pytest.approx(
-        plays, rel=1e-3
-    )
     slips = share * FULL * kpa / 600 * np.mean(2 * (0.1 - 2 * radii))
-    assert dissipate("hysteresis-maxwell_slip", kpa, samples, share=share, width=width) == pytest.approx(
-        slips, rel=2e-3
-    )
+    for form, expected, rel in (("prandtl_ishlinskii", plays, 1e-3), ("maxwell_slip", slips, 2e-3)):
+        lost = dissipate(f"hysteresis-{form}", kpa, samples, share=share, width=width)
+        assert lost == pytest.approx(expected, rel=rel)
 
 
 def test_bouc_wen_solves_its_equation(generator):

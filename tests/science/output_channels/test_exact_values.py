@@ -20,16 +20,11 @@ def test_a_clipped_signal_shows_its_levels(lowest, highest, offset):
 REST = np.where(np.arange(5000) < 400, 500.0, SMOOTH)
 
 
-@pytest.mark.parametrize("values", [SMOOTH, np.round(SMOOTH / 20.0) * 20.0, REST, np.zeros(0), np.full(100, 3.0)])
-def test_others_have_none(values):
-    assert find_levels(values, LIMITS) == (None, None)
-
-
 @pytest.mark.parametrize("count", [3.7, 20.0])
-def test_a_signal_in_counts_shows_their_size(count):
-    assert find_count(np.round(SMOOTH / count) * count, LIMITS) == pytest.approx(count, rel=1e-6)
-
-
-@pytest.mark.parametrize("values", [SMOOTH, np.minimum(SMOOTH, 520.0), np.repeat(SMOOTH[:100], 50)])
-def test_others_have_no_count(values):
-    assert find_count(values, LIMITS) is None
+def test_a_signal_in_counts_shows_their_size_and_others_neither_levels_nor_counts(count):
+    counted = np.round(SMOOTH / count) * count
+    assert find_count(counted, LIMITS) == pytest.approx(count, rel=1e-6)
+    for values in (SMOOTH, counted, REST, np.zeros(0), np.full(100, 3.0)):
+        assert find_levels(values, LIMITS) == (None, None)
+    for values in (SMOOTH, np.minimum(SMOOTH, 520.0), np.repeat(SMOOTH[:100], 50)):
+        assert find_count(values, LIMITS) is None

@@ -29,8 +29,8 @@ def test_the_largest_posterior_is_that_of_scipy(forms):
 
 
 def test_bounds_hold_and_are_told():
-    toy = make_toy(2, [(WAVE.effect, -1.0)])
-    found = fit(Model(toy, (WAVE,)), NOISE, Model(toy, (WAVE,)).start)
+    model = Model(make_toy(2, [(WAVE.effect, -1.0)]), (WAVE,))
+    found = fit(model, NOISE, model.start)
     assert found.values[-1] == 0.0
     assert found.free.tolist() == [True, True, False]
 

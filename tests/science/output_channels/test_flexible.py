@@ -18,57 +18,41 @@ def measure(residual, output):
     return float(np.sqrt((residual[output.present] ** 2).mean()))
 
 
-def fit_line(output):
-    model = Model(output)
-    return fit(model, make_plain(NOISE), model.start)
+def fit_line(seed, *hidden, **kwargs):
+    """Return an output with hidden effects and the fit of its line."""
+    output = make_toy(seed, hidden, noise=NOISE, **kwargs)
+    return output, fit(Model(output), make_plain(NOISE), Model(output).start)
+
+
+WAVE = (lambda x: np.sin(3.0 * x), 0.6)
+PLACE = (lambda x: np.where(np.abs(x - 0.3) < 0.08, 1.0, 0.0), 2.0)
 
 
 @pytest.mark.parametrize("seed", range(3))
-def test_a_smooth_effect_is_explained_by_features(seed):
-    output = make_toy(seed, [(lambda x: np.sin(3.0 * x), 0.6)], noise=NOISE)
-    nominal = fit_line(output)
+def test_features_explain_what_is_smooth_trees_what_happens_at_one_place_and_neither_explains_noise(seed):
+    output, nominal = fit_line(seed, WAVE)
     left = explain_by_features(nominal, build_features(output), None)
     assert measure(nominal.residual, output) > 3.0 * NOISE
     assert measure(left, output) == pytest.approx(NOISE, rel=0.12)
-
-
-@pytest.mark.parametrize("seed", range(3))
-def test_what_happens_at_one_place_is_explained_by_trees(seed):
-    output = make_toy(seed, [(lambda x: np.where(np.abs(x - 0.3) < 0.08, 1.0, 0.0), 2.0)], noise=NOISE)
-    nominal = fit_line(output)
+    output, nominal = fit_line(seed, PLACE)
     assert measure(nominal.residual, output) > 3.0 * NOISE
     assert measure(explain_by_trees(output, nominal.residual), output) < 0.5 * measure(nominal.residual, output)
+    output, nominal = fit_line(seed)
+    assert measure(explain_by_features(nominal, build_features(output), None), output) > 0.98 * NOISE
+    assert measure(explain_by_trees(output, nominal.residual), output) > 0.98 * NOISE
 
 
-@pytest.mark.parametrize("seed", range(3))
-def test_noise_is_not_explained(seed):
-    output = make_toy(seed, noise=NOISE)
-    nominal = fit_line(output)
-    for left in (
-        explain_by_features(nominal, build_features(output), None),
-        explain_by_trees(output, nominal.residual),
-    ):
-        assert measure(left, output) > 0.98 * NOISE
-
-
-def test_trials_that_are_not_learnt_teach_nothing():
-    output = make_toy(1, [(lambda x: np.sin(3.0 * x), 0.6)], noise=NOISE)
-    strange = np.array([False] * 6 + [True] * 2)
-    nominal = fit_line(output)
-    spoilt = nominal.residual.copy()
-    spoilt[:, strange] += 5.0
-    learnt = ~strange
+def test_trials_that_are_not_learnt_teach_nothing_and_those_without_samples_are_passed_over():
+    output, nominal = fit_line(1, WAVE)
+    learnt = np.arange(8) < 6
+    spoilt = nominal.residual + 5.0 * ~learnt
     kept, other = (explain_by_trees(output, each, learnt)[:, learnt] for each in (nominal.residual, spoilt))
     np.testing.assert_array_equal(kept, other)
-
-
-def test_trials_without_samples_are_passed_over():
-    output = make_toy(1, [(lambda x: np.sin(3.0 * x), 0.6)], noise=NOISE)
     present = output.present.copy()
     present[:, ::5] = False
     emptied = replace(output, present=present)
-    left = explain_by_trees(emptied, np.where(present, fit_line(output).residual, 0.0))
-    assert measure(left, emptied) < 0.5 * measure(fit_line(output).residual, output)
+    left = explain_by_trees(emptied, np.where(present, nominal.residual, 0.0))
+    assert measure(left, emptied) < 0.5 * measure(nominal.residual, output)
 
 
 def test_the_least_is_kept_and_a_line_is_no_noise():
@@ -83,17 +67,12 @@ def test_the_least_is_kept_and_a_line_is_no_noise():
     assert keep_least([noise], output).line_hz is None
 
 
-def test_the_floor_of_opened_trials_is_the_noise():
-    output = make_toy(4, [(lambda x: np.sin(3.0 * x), 0.6)], noise=NOISE, trials=12)
-    learnt = np.arange(12) % 3 != 0
-    floor = find_floor(fit_line(output), Noise(NOISE, 1e-6, 0.03, 1e-6, 1.0), learnt)
+def test_the_floor_of_opened_trials_is_the_noise_as_estimated_and_not_what_the_fit_leaves():
+    learnt, noise = np.arange(12) % 3 != 0, Noise(NOISE, 1e-6, 0.03, 1e-6, 1.0)
+    floor = find_floor(fit_line(4, WAVE, trials=12)[1], noise, learnt)
     assert np.sqrt(floor.raw[~learnt].sum() / (300 * 4)) == pytest.approx(NOISE, rel=0.12)
-
-
-def test_the_floor_of_opened_trials_is_estimated_and_not_what_the_fit_leaves():
-    output = make_toy(4, noise=NOISE, trials=12)
-    learnt, fitted = np.arange(12) % 3 != 0, fit_line(output)
-    floor = find_floor(fitted, Noise(NOISE, 1e-6, 0.03, 1e-6, 1.0), learnt)
+    fitted = fit_line(4, trials=12)[1]
+    floor = find_floor(fitted, noise, learnt)
     gap = (fitted.residual**2).sum(axis=0)
     assert (floor.raw[~learnt] != gap[~learnt]).all()
     assert floor.raw[~learnt].sum() == pytest.approx(gap[~learnt].sum(), rel=0.2)

@@ -7,7 +7,6 @@ from scipy.stats import multivariate_normal
 from stages.science.output_channels.noise import Noise, estimate_noise, log_density, whiten
 from tests.science.discrepancy.searches import DISCREPANCY
 
-LIMITS = DISCREPANCY.detection
 NOISE = Noise(0.7, 0.5, 0.05, 0.9, 1.2)
 STEP_S = 0.01
 
@@ -16,6 +15,10 @@ def covariance(samples, noise):
     lag = np.abs(np.subtract.outer(np.arange(samples), np.arange(samples))) * STEP_S
     quick = noise.quick**2 * np.exp(-lag / noise.quick_s)
     return quick + noise.slow**2 * np.exp(-lag / noise.slow_s) + noise.white**2 * np.eye(samples)
+
+
+def estimate(residual):
+    return estimate_noise(residual, np.ones(residual.shape, dtype=bool), STEP_S, DISCREPANCY.detection)
 
 
 def test_density_is_that_of_the_dense_covariance_and_what_is_not_present_counts_for_nothing():
@@ -44,25 +47,21 @@ def test_whitening_is_linear_and_gives_the_same_quadratic_form():
     np.testing.assert_allclose(both, white[:, :, :1] + 2.0 * white[:, :, 1:2], atol=1e-12)
 
 
-def test_the_constants_of_simulated_noise_are_found():
+def test_the_constants_of_simulated_noise_are_found_and_too_few_samples_are_refused():
     generator = np.random.default_rng(4)
     factor = np.linalg.cholesky(covariance(500, NOISE))
     residual = factor @ generator.standard_normal((500, 30))
-    found = estimate_noise(residual, np.ones(residual.shape, dtype=bool), STEP_S, LIMITS)
+    found, present = estimate(residual), np.ones(residual.shape, dtype=bool)
     assert found.white == pytest.approx(NOISE.white, rel=0.1)
     assert np.hypot(found.quick, found.slow) == pytest.approx(np.hypot(NOISE.quick, NOISE.slow), rel=0.2)
-    own = log_density(residual, np.ones(residual.shape, dtype=bool), found, STEP_S).sum()
-    assert own > log_density(residual, np.ones(residual.shape, dtype=bool), NOISE, STEP_S).sum() - 3.0
-
-
-def test_too_few_samples_are_refused():
+    own, true = (log_density(residual, present, each, STEP_S).sum() for each in (found, NOISE))
+    assert own > true - 3.0
     with pytest.raises(ValueError, match="at least 10 samples, got 6"):
-        estimate_noise(np.ones((3, 2)), np.ones((3, 2), dtype=bool), STEP_S, LIMITS)
+        estimate(np.ones((3, 2)))
 
 
 def test_some_of_the_roughness_is_always_taken_for_white():
     coloured = NOISE._replace(white=0.0, slow=1e-6)
     residual = np.linalg.cholesky(covariance(400, coloured)) @ np.random.default_rng(6).standard_normal((400, 10))
-    found = estimate_noise(residual, np.ones(residual.shape, dtype=bool), STEP_S, LIMITS)
     rough = np.sqrt((np.diff(residual, n=2, axis=0) ** 2).mean() / 6.0)
-    assert found.white == pytest.approx(0.5 * rough, rel=0.02)
+    assert estimate(residual).white == pytest.approx(0.5 * rough, rel=0.02)

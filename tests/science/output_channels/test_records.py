@@ -12,14 +12,9 @@ from scipy.integrate import solve_ivp
 RECORDED = Path("/work/shared/data/silverbox/silverbox.parquet")
 HERTZ, DAMPING, STIFFNESS_N_PER_M, RATE_HZ = 2.0, 0.1, 200.0, 50.0
 NOISE_M, SCALE_M = 0.0003, 0.04
-PLANT = (
-    "plant=second_order",
-    "plant.input=force_n",
-    "plant.output=position_m",
-    "plant.between_samples=band_limited",
-    f"plant.output_scale={SCALE_M}",
-    "plant.time_scale_s=0.08",
-)
+LINE = ("workflow=discrepancy", "measurement=records", "columns.time_s=t_ms", "units.time_s=ms", "+columns.force_n=F")
+PLANT = ("plant=second_order", "plant.input=force_n", "plant.output=position_m", "plant.time_scale_s=0.08")
+PLANT += ("plant.between_samples=band_limited", f"plant.output_scale={SCALE_M}")
 
 
 def write_record(path, share, seconds=96.0):
@@ -37,9 +32,8 @@ def write_record(path, share, seconds=96.0):
         return v, omega**2 * (force(now) / STIFFNESS_N_PER_M - spring - 2.0 * DAMPING * v / omega)
 
     instants = np.arange(round(seconds * RATE_HZ)) / RATE_HZ
-    motion = solve_ivp(rates, (0.0, instants[-1]), (0.0, 0.0), t_eval=instants, rtol=1e-7, atol=1e-9, max_step=0.05).y[
-        0
-    ]
+    tight = {"rtol": 1e-7, "atol": 1e-9, "max_step": 0.05}
+    motion = solve_ivp(rates, (0.0, instants[-1]), (0.0, 0.0), t_eval=instants, **tight).y[0]
     position = motion + NOISE_M * generator.standard_normal(len(instants))
     columns = {"t_ms": 1e3 * instants, "F": [force(now) for now in instants], "pos": 1e3 * position}
     pd.DataFrame(columns).to_csv(path, sep=";", index=False)
@@ -48,9 +42,8 @@ def write_record(path, share, seconds=96.0):
 
 def run(pamid, path, *overrides):
     """Run the workflow on a record of foreign columns; return its folder and its verdict."""
-    columns = ["columns.time_s=t_ms", "units.time_s=ms", "+columns.force_n=F", "+columns.position_m=pos"]
-    line = ["workflow=discrepancy", "measurement=records", f"measured={path}", *columns, "+units.position_m=mm"]
-    result = pamid(*line, "figures=[]", *overrides)
+    position = ("+columns.position_m=pos", "+units.position_m=mm")
+    result = pamid(*LINE, f"measured={path}", *position, "figures=[]", *overrides)
     assert result.returncode == 0, result.stderr
     return pamid.runs[-1], json.loads((pamid.runs[-1] / "verdict.json").read_text())
 
@@ -81,8 +74,6 @@ def test_a_hidden_cubic_spring_is_named_and_the_amended_plant_lacks_nothing(pami
 
 def test_a_plant_that_does_not_fit_the_recording_is_refused_in_one_line(pamid, tmp_path):
     write_record(tmp_path / "run.csv", share=0.0, seconds=20.0)
-    line = ["workflow=discrepancy", "measurement=records", f"measured={tmp_path}/run.csv", "columns.time_s=t_ms"]
-    line += ["units.time_s=ms", "+columns.force_n=F"]
     for plant, told in (
         ("nominal", "or second_order or"),
         ("second_order", "signal drive_v, named by plant.input: expected it to be measured; known are force_n"),
@@ -90,7 +81,7 @@ def test_a_plant_that_does_not_fit_the_recording_is_refused_in_one_line(pamid, t
         ("static_map", "signal position_m, named by plant.constants.stiffness.of and plant.along: expected"),
         ("static_map +columns.way_m=F", "known are force_n, way_m; type plant.along=way_m, or add"),
     ):
-        result = pamid(*line, *f"plant={plant}".split(), "plan=true")
+        result = pamid(*LINE, f"measured={tmp_path}/run.csv", *f"plant={plant}".split(), "plan=true")
         assert result.returncode == 2
         assert not pamid.runs
         (message,) = result.stderr.strip().splitlines()
@@ -104,8 +95,7 @@ def test_the_spring_of_a_recorded_oscillator_is_named_by_one_command(pamid, tmp_
     frame = pd.read_parquet(RECORDED)
     motion, arrow = (frame[frame["part"] == part] for part in ("multisine", "arrow_test"))
     pd.concat([motion[:30000], arrow[-15000:]]).to_parquet(tmp_path / "record.parquet")
-    line = ("workflow=discrepancy", "measurement=silverbox", f"measured={tmp_path}/record.parquet", "figures=[]")
-    result = pamid(*line)
+    result = pamid(LINE[0], "measurement=silverbox", f"measured={tmp_path}/record.parquet", "figures=[]")
     assert result.returncode == 0, result.stderr
     (folder,) = pamid.runs
     verdict = json.loads((folder / "verdict.json").read_text())

@@ -7,8 +7,11 @@ from scipy.signal import lfilter
 from stages.science.output_channels.spectral_line import find_line, remove_line
 from tests.science.discrepancy.searches import DISCREPANCY
 
-LIMITS = DISCREPANCY.detection
 STEP_S = 0.004
+
+
+def find(residual, known=True):
+    return find_line(residual, np.full(residual.shape, known), STEP_S, DISCREPANCY.detection)
 
 
 def make_noise(seed, colour=0.0, trials=10, samples=1000):
@@ -24,22 +27,20 @@ def ring(frequency_hz, shape, seed=0):
 @pytest.mark.parametrize("colour", [0.0, 0.9])
 def test_a_planted_line_is_found_at_its_frequency(frequency_hz, colour):
     noise = make_noise(1, colour)
-    residual = noise + 0.5 * noise.std() * ring(frequency_hz, noise.shape)
-    found = find_line(residual, np.ones(noise.shape, dtype=bool), STEP_S, LIMITS)
+    found = find(noise + 0.5 * noise.std() * ring(frequency_hz, noise.shape))
     assert found == pytest.approx(frequency_hz, abs=0.15)
 
 
 def test_noise_of_any_colour_rings_by_chance_as_seldom_as_said():
-    known = np.ones((1000, 10), dtype=bool)
-    found = [
-        find_line(make_noise(seed, colour), known, STEP_S, LIMITS) for seed in range(40) for colour in (0.0, 0.5, 0.98)
-    ]
+    found = [find(make_noise(seed, colour)) for seed in range(40) for colour in (0.0, 0.5, 0.98)]
     assert sum(each is not None for each in found) <= 1
 
 
-def test_below_the_least_frequency_motion_is_not_a_line():
+def test_motion_below_the_least_frequency_and_short_or_empty_trials_show_none():
     noise = make_noise(2)
-    assert find_line(noise + 3.0 * ring(2.0, noise.shape), np.ones(noise.shape, dtype=bool), STEP_S, LIMITS) is None
+    assert find(noise + 3.0 * ring(2.0, noise.shape)) is None
+    assert find(make_noise(4, samples=50)) is None
+    assert find(make_noise(4), known=False) is None
 
 
 def test_what_is_left_without_the_line_is_the_noise():
@@ -51,11 +52,6 @@ def test_what_is_left_without_the_line_is_the_noise():
     assert (left[~known] == 0.0).all()
     np.testing.assert_allclose(left[known].std(), noise[known].std(), rtol=0.01)
     np.testing.assert_allclose(left[known], noise[known], atol=0.35)
-
-
-def test_short_or_empty_trials_show_none():
-    assert find_line(make_noise(4, samples=50), np.ones((50, 10), dtype=bool), STEP_S, LIMITS) is None
-    assert find_line(make_noise(4), np.zeros((1000, 10), dtype=bool), STEP_S, LIMITS) is None
 
 
 def test_noise_keeps_its_size_where_a_line_is_taken_out_of_few_samples():

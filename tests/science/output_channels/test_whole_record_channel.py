@@ -37,12 +37,16 @@ def build_tanks(**kwargs):
     return build_records(signals, trials, read_plant("cascaded_tanks"))
 
 
-def build(added=0.0, seed=1, noise=0.05, hole=None, samples=4800):
+def build_force(way, force, **changes):
+    return build_records(*tabulate({"position_m": way, "force_n": force}), read_plant(**changes))
+
+
+def build(added=0.0, seed=1, hole=None, samples=4800):
     way = move(seed, samples)
-    force = 300.0 * way + 2.0 + added + noise * np.random.default_rng(seed).standard_normal(len(way))
+    force = 300.0 * way + 2.0 + added + 0.05 * np.random.default_rng(seed).standard_normal(len(way))
     if hole is not None:
         force[hole] = np.nan
-    return build_records(*tabulate({"position_m": way, "force_n": force}), read_plant())
+    return build_force(way, force)
 
 
 @pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
@@ -55,13 +59,6 @@ def test_a_hidden_loop_is_named_and_mended(seed):
     assert after < 0.3 * before
 
 
-@pytest.mark.slow
-def test_a_hidden_cubic_is_named():
-    way = move(4, 2400)
-    middle = 0.5 * (way.min() + way.max())
-    assert look(build(2.0e5 * (way - middle) ** 3, 4, samples=2400))[1][0] == "cubic_stiffness"
-
-
 @pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
 def test_nothing_is_named_where_nothing_is_missing(seed):
     assert look(build(seed=seed, samples=1600))[1] == []
@@ -71,8 +68,8 @@ def test_nothing_is_named_where_nothing_is_missing(seed):
 def test_a_value_that_stands_at_a_bound_says_so(high, told):
     way, constants = move(1), read_plant().model_dump()["constants"]
     constants["stiffness"] |= {"start": 250.0, "low": 200.0, "high": high, "sd": 50.0}
-    signals = {"position_m": way, "force_n": 300.0 * way + 0.05 * np.random.default_rng(1).standard_normal(len(way))}
-    state = prepare(build_records(*tabulate(signals), read_plant(constants=constants)))
+    force = 300.0 * way + 0.05 * np.random.default_rng(1).standard_normal(len(way))
+    state = prepare(build_force(way, force, constants=constants))
     fitted = state.current.fit
     rows = estimate_intervals(fitted.model, fitted.values, state.noise, DISCREPANCY, np.random.default_rng(0))
     assert {row["parameter"]: row["at_bound"] for row in rows} == {"stiffness": told, "offset": ""}
@@ -101,15 +98,14 @@ def test_a_loop_remembers_what_was_before_its_block():
 
 def test_samples_far_quicker_than_the_movement_are_averaged():
     way = np.repeat(move(1, 1200), 4)
-    force = 300.0 * way + np.tile([1.0, -1.0], len(way) // 2)
-    output = build_records(*tabulate({"position_m": way, "force_n": force}), read_plant(time_scale_s=8.0))
+    output = build_force(way, 300.0 * way + np.tile([1.0, -1.0], len(way) // 2), time_scale_s=8.0)
     assert output.step_s == pytest.approx(4 * STEP_S)
     np.testing.assert_allclose(output.measured, output.simulate({"stiffness": 300.0, "offset": 0.0}, []), atol=1e-9)
 
 
 @pytest.mark.parametrize("stride", [4, 5])
 def test_means_of_a_push_keep_its_sum_and_its_moment(generator, stride):
-    """Then whatever it moves ends in the same place, with the same velocity."""
+    """Then whatever it moves ends in the same place, with the same velocity; a gap stays one."""
     values = generator.standard_normal(200 * stride)
     values[: 3 * stride] = values[-3 * stride :] = 0.0
     places = np.arange(len(values))
@@ -118,13 +114,10 @@ def test_means_of_a_push_keep_its_sum_and_its_moment(generator, stride):
     assert stride * means["force_n"].sum() == pytest.approx(values.sum())
     assert stride * means["force_n"] @ middles == pytest.approx(values @ places)
     np.testing.assert_allclose(means["position_m"], values.reshape(200, stride).mean(axis=1))
-
-
-def test_a_push_with_a_gap_has_one(generator):
     rows = pd.DataFrame({"force_n": generator.standard_normal(100)}, index=np.arange(100.0))
     rows.iloc[42] = np.nan
-    means = thin_out(rows, 10, ("force_n",))["force_n"]
-    assert np.flatnonzero(means.isna()).tolist() == [2, 3, 4, 5]
+    lost = thin_out(rows, 10, ("force_n",))["force_n"].isna()
+    assert np.flatnonzero(lost).tolist() == [2, 3, 4, 5]
 
 
 def test_a_gap_that_no_motion_sees_costs_nothing():
@@ -160,40 +153,30 @@ def test_a_record_that_cannot_be_judged_is_refused(force, told):
 
 @pytest.mark.parametrize(("samples", "told"), [(45, "or set measurement.blocks=4 or fewer"), (29, "; record more$")])
 def test_advice_on_short_records_can_be_followed(samples, told):
-    signals, trials = tabulate({"position_m": move(1, samples), "force_n": move(2, samples)})
     with pytest.raises(ValueError, match=told):
-        build_records(signals, trials, read_plant())
-
-
-def ring(way, pulled):
-    """What a resonance adds that the way sets off: thirty samples a period, decaying in three."""
-    decay, turn = np.exp(-1.0 / 90.0), 2.0 * np.pi / 30.0
-    answer = lfilter([0.0, 1.0], [1.0, -2.0 * decay * np.cos(turn), decay**2], way)
-    return pulled * answer / answer.std()
+        build_force(move(1, samples), move(2, samples))
 
 
 @pytest.mark.parametrize("pulled", [1.0, 0.0])
 def test_a_resonance_that_the_input_sets_off_is_no_noise(generator, pulled):
+    """Of thirty samples a period, decaying in three."""
+    decay, turn = np.exp(-1.0 / 90.0), 2.0 * np.pi / 30.0
     way = move(1) + 0.002 * generator.standard_normal(4800)
-    force = 300.0 * way + ring(way, pulled) + 0.05 * generator.standard_normal(4800)
-    state = prepare(build_records(*tabulate({"position_m": way, "force_n": force}), read_plant(time_scale_s=2.0)))
+    rings = lfilter([0.0, 1.0], [1.0, -2.0 * decay * np.cos(turn), decay**2], way)
+    force = 300.0 * way + pulled * rings / rings.std() + 0.05 * generator.standard_normal(4800)
+    state = prepare(build_force(way, force, time_scale_s=2.0))
     gap = np.sqrt(state.nominal.raw.sum() / state.samples.sum())
     assert state.leftover.linear_memory == (pulled > 0.0)
-    if pulled:
-        assert gap > 3.0 * 0.05
-        assert state.floor < 0.6 * gap
-    else:
-        assert 0.97 * 0.05 < state.floor < 1.05 * 0.05
+    assert (gap > 3.0 * 0.05 and state.floor < 0.6 * gap) if pulled else 0.97 * 0.05 < state.floor < 1.05 * 0.05
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(("hidden", "named"), [({"seed": 1, "rim": 6.0}, ["overflow"]), ({"seed": 3}, [])], ids=str)
-def test_a_hidden_overflow_is_named_and_nothing_without_it(hidden, named):
-    assert look(build_tanks(**hidden))[1] == named
-
-
-@pytest.mark.slow
-def test_a_reading_that_is_cut_is_named_with_its_level():
+def test_a_hidden_cubic_overflow_and_cut_of_the_reading_are_named_and_nothing_without_them():
+    way = move(4, 2400)
+    middle = 0.5 * (way.min() + way.max())
+    assert look(build(2.0e5 * (way - middle) ** 3, 4, samples=2400))[1][0] == "cubic_stiffness"
+    assert look(build_tanks(seed=1, rim=6.0))[1] == ["overflow"]
+    assert look(build_tanks(seed=3))[1] == []
     level = float(np.quantile(pump_tanks(seed=2)["level_v"], 0.85))
     found, names = look(build_tanks(seed=2, cut=level))
     assert names == ["saturation"]
