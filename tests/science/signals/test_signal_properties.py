@@ -144,3 +144,9 @@ def test_ranges_and_times_without_sense_are_refused(change, told, generator):
         pressure_profiles(generator, low, high, 50, rate, hold_s=first, transition_s=second, step_share=0.5)
     with pytest.raises(ValueError, match=r"step_share: expected a share between 0 and 1, got 1.5"):
         pressure_profiles(generator, [4], [5], 100, 100.0, hold_s=(0, 1), transition_s=(0, 1), step_share=1.5)
+
+
+def test_a_derivative_reduces_noise(generator):
+    noise = generator.standard_normal((2000, 1))
+    raw = np.gradient(noise, 1 / 250, axis=0)
+    assert differentiate(noise, 250.0, 0.05, 2).std() < 0.15 * raw.std()
