@@ -4,8 +4,6 @@ The command line flows in; an exit code flows out: 0 done, 1 a stage failed, 2 t
 3 paused for a person, 130 and 143 stopped by a signal.
 """
 
-from __future__ import annotations
-
 import gc
 import os
 import sys

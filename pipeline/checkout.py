@@ -4,8 +4,6 @@ Out flow facts for the ledger and, where the checkout is not clean, a patch for 
 gives back the code that ran. A clean checkout costs one look by git; outside of a checkout there is nothing to tell.
 """
 
-from __future__ import annotations
-
 import hashlib
 import subprocess
 from collections.abc import Mapping, Sequence

@@ -4,8 +4,6 @@ What its columns hold and the command line that would read them flow out; nothin
 known to the function that ``conf/columns.yaml`` names.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from importlib import import_module

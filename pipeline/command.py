@@ -1,7 +1,5 @@
 """The command line as a person can type it again: arguments flow in, a line flows out."""
 
-from __future__ import annotations
-
 import runpy
 import shlex
 import shutil

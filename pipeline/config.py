@@ -5,8 +5,6 @@ settings, and for each stage exactly the sections it declares. Every key must be
 defaults of their own, so a value stands in YAML or nowhere.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import importlib
 import inspect

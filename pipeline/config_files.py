@@ -4,8 +4,6 @@ The command line flows in. Out flows one that Hydra understands, as Hydra takes 
 is read and stored as an option of its group. What was read is told with its hash, for the ledger.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Collection, Sequence
 from pathlib import Path

@@ -4,8 +4,6 @@ A message says what was expected, what was found, and what to do or type next. A
 of the code: the runner puts its traceback into the run's log.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable
 from difflib import get_close_matches
 

@@ -1,7 +1,5 @@
 """Why runs did not get to their end, and what to type so that they do: ledgers, logs and launches flow in, text out."""
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path

@@ -4,8 +4,6 @@ Every byte that a run leaves goes through `write_atomically` or `link`, so a pro
 half-written file under a final name.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 import os

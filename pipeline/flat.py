@@ -1,7 +1,5 @@
 """Configurations as flat mappings of dotted keys: nested values flow in, what tells runs apart flows out."""
 
-from __future__ import annotations
-
 import json
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any

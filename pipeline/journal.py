@@ -5,8 +5,6 @@ are written beside the loop, so that no disk makes the loop wait; what was hande
 killed process.
 """
 
-from __future__ import annotations
-
 import logging
 import queue
 import threading

@@ -3,8 +3,6 @@
 The options are Hydra's, which reads them again where it shows help or the configuration.
 """
 
-from __future__ import annotations
-
 from argparse import ArgumentParser, Namespace
 from collections.abc import Sequence
 from typing import NoReturn

@@ -6,8 +6,6 @@ and address), ``grid``, ``sortable`` and ``meanings`` (from `make_grid`), ``pict
 blocks: ``failure`` and ``details`` (from `make_details`).
 """
 
-from __future__ import annotations
-
 import base64
 import re
 from collections.abc import Iterable, Mapping, Sequence

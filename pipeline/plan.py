@@ -5,8 +5,6 @@ holds its tables, or to run, with the reason. Freshness is content: the stage's 
 and of its code, and the versions of its libraries.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Frames as tables of a terminal: a frame flows in, lines flow out."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -5,8 +5,6 @@ measured on real hardware is found, kept and resumed. A name that was typed flow
 message that refuses it. The old names stand in ``conf/renames.yaml``.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import cache
 from typing import Any, Literal

@@ -3,8 +3,6 @@
 A run's ledger, tables and figures flow in; one self-contained page flows out, with no request to any other place.
 """
 
-from __future__ import annotations
-
 import json
 import logging
 from collections.abc import Mapping, Sequence

@@ -3,8 +3,6 @@
 Bytes decide; rows and columns are looked at only to say by how much tables differ.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any

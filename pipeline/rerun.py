@@ -3,8 +3,6 @@
 Nothing is taken over from any run but what real hardware measured, which cannot be made again.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path

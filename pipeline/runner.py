@@ -4,8 +4,6 @@ A study and its stages flow in; out flows a run's folder whose ledger says ``don
 ledger is written last at every step, so whatever a killed process leaves behind is found again or ignored.
 """
 
-from __future__ import annotations
-
 import errno
 import logging
 import math

@@ -4,8 +4,6 @@ A study's identity flows in; out flows a folder that this process alone may writ
 releases when the process dies, however it dies. A run lies in ``runs/STAMP``, a job of a sweep in ``sweeps/NAME/JOB``.
 """
 
-from __future__ import annotations
-
 import os
 import time
 from collections.abc import Callable, Iterator, Sequence

@@ -4,8 +4,6 @@ Names of modules flow in; out flow hashes of the files of these modules and of a
 the versions of the libraries that any of them imports. The runner's own package does not count.
 """
 
-from __future__ import annotations
-
 import ast
 import importlib.metadata
 import importlib.util

@@ -6,8 +6,6 @@ it, and None otherwise) and the tables it writes (the decorator's arguments). A 
 stands for several tables, one per field.
 """
 
-from __future__ import annotations
-
 import importlib
 import importlib.util
 import inspect

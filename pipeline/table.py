@@ -5,8 +5,6 @@ stage that writes the table, and is checked on every write and every read. A fil
 so that no damage to it goes unnoticed: Parquet itself has no checksum for its footer.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Iterable, Mapping
 from dataclasses import dataclass

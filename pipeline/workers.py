@@ -4,8 +4,6 @@ Each process is started afresh (nothing is inherited but the environment), ends 
 it. What a job computes may not depend on where it is computed, so that the number of workers changes no byte.
 """
 
-from __future__ import annotations
-
 import multiprocessing
 import os
 import signal

@@ -3,8 +3,6 @@
 The folder of outputs flows in, text flows out, and a page where one is made; no run is changed but by ``prune``.
 """
 
-from __future__ import annotations
-
 import argparse
 import sys
 from collections.abc import Callable

@@ -1,7 +1,5 @@
 """Runs beside each other: their folders flow in, what tells them apart flows out, as text and as a page with curves."""
 
-from __future__ import annotations
-
 import argparse
 import re
 from collections.abc import Mapping, Sequence

@@ -1,7 +1,5 @@
 """What a run's folder keeps of it beside the ledger, to look at: a folder flows in, mappings, frames flow out."""
 
-from __future__ import annotations
-
 import re
 from pathlib import Path
 from typing import Any

@@ -1,7 +1,5 @@
 """All runs and sweeps of an outputs folder, a line each: the folders flow in, text flows out."""
 
-from __future__ import annotations
-
 import argparse
 from collections import Counter
 from collections.abc import Iterable, Sequence

@@ -3,8 +3,6 @@
 A folder goes in two steps, a new name that nothing looks at, then its files: a killed process leaves no half of a run.
 """
 
-from __future__ import annotations
-
 import argparse
 import os
 import shutil

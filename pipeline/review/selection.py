@@ -1,7 +1,5 @@
 """Which rows of a frame to see, in which order: ``KEY=VALUE`` and a column flow in, a frame flows out."""
 
-from __future__ import annotations
-
 import math
 import operator
 import re

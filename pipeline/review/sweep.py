@@ -1,7 +1,5 @@
 """A sweep on the terminal, its table and its page: the sweep's folder flows in, text and two files flow out."""
 
-from __future__ import annotations
-
 import argparse
 from collections.abc import Mapping, Sequence
 from typing import Any

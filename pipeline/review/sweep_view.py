@@ -1,7 +1,5 @@
 """What a sweep shows: which keys vary, what metrics do over them, which jobs failed, and what all have alike."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path

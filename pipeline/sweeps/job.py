@@ -4,8 +4,6 @@ A composed configuration flows in; a run's folder, and an outcome for the launch
 mistake in its configuration, an exception, a kill by the system, the launcher sees a job that ended.
 """
 
-from __future__ import annotations
-
 import importlib
 import os
 import signal

@@ -4,8 +4,6 @@ A launch flows from the process that was typed to its workers, and is a folder b
 jobs, an outcome for each that ended, and a word that asks the others to stop. A sweep may have had many launches.
 """
 
-from __future__ import annotations
-
 import json
 import os
 import re

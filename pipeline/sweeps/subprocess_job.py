@@ -4,8 +4,6 @@ A function flows in; out flows how it ended: its exit code or the signal that ki
 the end of what it printed. All that this process has imported is there already, so a fork costs milliseconds.
 """
 
-from __future__ import annotations
-
 import ctypes
 import os
 import signal

@@ -6,8 +6,6 @@ overrides, a table of all jobs after, the reasons of those that failed, the comm
 without a killed worker.
 """
 
-from __future__ import annotations
-
 import os
 import signal
 import time

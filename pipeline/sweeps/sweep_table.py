@@ -4,8 +4,6 @@ A sweep's folder flows in, a frame and ``sweep.parquet`` flow out. The folders a
 anew from them at any time, on any machine.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from pathlib import Path

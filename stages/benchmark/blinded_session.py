@@ -4,8 +4,6 @@ In: a rig of whole sessions. Out: `session_recordings`, `session_machine` (what 
 the hash of what was hidden, which stands before anything is searched.
 """
 
-from __future__ import annotations
-
 import pandas as pd
 
 from pipeline.config import Section, Target

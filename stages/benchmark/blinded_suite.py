@@ -5,8 +5,6 @@ left beside what is left when the truth is told), `blind_truth` (what was hidden
 `blind_ranking` (each candidate of the first round).
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from functools import partial

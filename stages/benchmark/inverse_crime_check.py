@@ -5,8 +5,6 @@ true name leaves of the effect's own change beyond the nominal constants. Where 
 the same equations, and naming the effect proves little; unless there is but one way to write it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from functools import partial
 from typing import Annotated, Any

@@ -5,8 +5,6 @@ In: what was hidden and what was said of each session, and which names count as 
 against how often they were right) and `scorecard_sessions` (each session judged).
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from itertools import pairwise

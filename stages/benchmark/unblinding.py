@@ -4,8 +4,6 @@ In: the seal, the nominal gaps, the decision and what it names, and the verifica
 `comparison_with_truth`, muscle by muscle, and `outcome`, the same in words.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any
 

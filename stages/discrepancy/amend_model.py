@@ -5,8 +5,6 @@ values before any. Out: `amended_values` (constants and parameters with
 intervals over resampled trials) and the document ``amended.yaml``, a plant that ``rig=sim plant=PATH`` loads as it is.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import pandas as pd

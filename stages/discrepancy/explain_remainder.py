@@ -4,8 +4,6 @@ In: what was measured, what was named and the values after the last addition. Ou
 of a muscle whose gap is still above the noise floor. Only fitted trials are looked at, and nothing is named.
 """
 
-from __future__ import annotations
-
 import pandas as pd
 
 from pipeline.config import Section

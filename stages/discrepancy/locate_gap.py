@@ -6,8 +6,6 @@ of every sample) and `gap` (in which regime of motion and time it lies, tested o
 from measured upstream signals.
 """
 
-from __future__ import annotations
-
 import math
 from typing import Any, ClassVar, Self
 

@@ -8,8 +8,6 @@ rectangular: every muscle of a trial has all of its samples, empty where nothing
 line.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass

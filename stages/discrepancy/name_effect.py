@@ -6,8 +6,6 @@ out of the fit confirm, in the order added), `suspected_effects` (the others), `
 away) and `steps` (constants and parameters after each addition).
 """
 
-from __future__ import annotations
-
 from typing import Any, get_args
 
 import pandas as pd

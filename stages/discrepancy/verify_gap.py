@@ -5,8 +5,6 @@ free-run simulation), `predictions` (each sample as measured, simulated before a
 verdict in words) and the document ``verdict.json``.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Any

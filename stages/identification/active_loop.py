@@ -7,8 +7,6 @@ operator, where one attended). Every arm starts from
 the same initial data; controls differ from the design in how they choose trajectories and in nothing else.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial

@@ -5,8 +5,6 @@ Models come from movements of `bank`; an error on `unseen_bank` is one on moveme
 seen.
 """
 
-from __future__ import annotations
-
 from functools import partial
 from typing import ClassVar, Self
 

@@ -5,8 +5,6 @@ where there is one. Out: `learning_curve`, `learning_summary`, `final_errors`, `
 This stage only reads: it chooses and measures nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import product
 from typing import Annotated, Any

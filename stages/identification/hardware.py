@@ -5,8 +5,6 @@ In: `initial_trials`, `references` and, where the workflow has a protocol, `prot
 the recordings come from.
 """
 
-from __future__ import annotations
-
 from collections.abc import Hashable
 from functools import partial
 from typing import Any

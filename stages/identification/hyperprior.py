@@ -4,8 +4,6 @@ In: `candidates`, for the range of the inputs (they have no force). Out: `hyperp
 comes from the data sheet.
 """
 
-from __future__ import annotations
-
 from typing import Annotated, Any, Self
 
 import pandas as pd

@@ -4,8 +4,6 @@ In: `learning_curve`. Out: `participant_comparison`. "Not significant" is not "e
 of equivalence for a stated margin, with the power that it had.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations, product
 from typing import Annotated

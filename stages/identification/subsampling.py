@@ -3,8 +3,6 @@
 In: `bank`. Out: `candidates` (thinned, without force), `references` (what a trial replays) and `initial_trials`.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar, Self
 
 import pandas as pd

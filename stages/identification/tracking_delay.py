@@ -5,8 +5,6 @@ when a reference was due until it was followed, from then until a screen showed 
 time shifts that a study has to bear (stage time_shift) are those of people, not of screens.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator
 from typing import Any
 

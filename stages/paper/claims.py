@@ -10,8 +10,6 @@ choices agree holds where they are more alike than at random. What was tested ot
 whether the opposite was found, or nothing. What was not tested, for want of experiments or of an arm, is called that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Any

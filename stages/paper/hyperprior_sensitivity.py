@@ -7,8 +7,6 @@ experiment under sampled means draws means and initial trials of its own, so tha
 Beside each test of a difference stands one of equivalence for a stated margin, with its power. No rig is run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from typing import Annotated, Any, ClassVar, Self

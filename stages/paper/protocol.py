@@ -4,8 +4,6 @@ Out: `protocol_commands`, which `hardware` executes. The paper's linear model co
 and Morimoto 2013; its appendix D), as many trials for each experiment as the interaction design has.
 """
 
-from __future__ import annotations
-
 from typing import ClassVar, Self
 
 import numpy as np

@@ -5,8 +5,6 @@ models' errors) and `unseen_bank` (another test set) where there is one. Out: `s
 Experiments are paired: both models begin with the same initial trials. This stage only reads.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import product
 from typing import Annotated, Any

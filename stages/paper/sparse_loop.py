@@ -9,8 +9,6 @@ are kept, thinned; a control on the same models chooses at random, so that the g
 keeping.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property, partial

@@ -6,8 +6,6 @@ are taken together, d uniform between plus and minus an amplitude (paper, sectio
 shift share initial trials, searches and the random numbers behind d, and no rig is run.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from typing import Annotated, Any, ClassVar, Self

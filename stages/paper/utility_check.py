@@ -5,8 +5,6 @@ trials 0, the middle and the last, and `utility_summary`. The yardstick is I(y; 
 Laplace approximation: of a trajectory's samples one by one, added up, and of all of them together. Nothing is executed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from functools import partial
 from typing import Annotated, Any

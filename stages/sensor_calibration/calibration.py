@@ -6,8 +6,6 @@ In: a rig that counts, and the points. Out, in parts: `calibration_samples`, `ca
 document ``calibrated.yaml``, a rig that ``rig=PATH`` loads as it is.
 """
 
-from __future__ import annotations
-
 import logging
 from functools import partial
 from pathlib import Path

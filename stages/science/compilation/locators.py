@@ -6,8 +6,6 @@ is compiled with ``cache=True``, users' own included: `stages` names them to num
 from memory, where it is what runs, not from files, which may have been edited since they were read.
 """
 
-from __future__ import annotations
-
 import hashlib
 from collections.abc import Callable, Iterator
 from types import CodeType, FunctionType, ModuleType

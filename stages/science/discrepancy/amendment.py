@@ -1,7 +1,5 @@
 """The amended plant: fitted constants and named effects, written as the simulator's own configuration."""
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

@@ -3,8 +3,6 @@
 Tables of what was measured flow in, with the configured plant; a `Dataset` flows out, whatever the machine.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from functools import cached_property

@@ -4,8 +4,6 @@ A search that has ended flows in; a `Decision` flows out. The workflow's verdict
 the scorecard all read it. The test trials have no part in it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from typing import Literal

@@ -4,8 +4,6 @@ An output and its residual flow in; out flow the inputs, the GP's prediction of 
 prediction when it has seen all. It names nothing: it says where to look.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from itertools import combinations

@@ -3,8 +3,6 @@
 A fitted model, the noise floor and trials drawn again flow in; a row and averages along the first input flow out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from math import nan

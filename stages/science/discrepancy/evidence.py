@@ -4,8 +4,6 @@ Log scores of models flow in; probabilities flow out. Each channel may also foll
 that is said of it is weighed without and with a static map beside it.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 Outputs with their trials flow in; outputs with a nominal and a present fit, their noise and their leftover flow out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

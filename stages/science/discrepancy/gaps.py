@@ -3,8 +3,6 @@
 Fits, and what a flexible model leaves, flow in; rows flow out. The unit of every test is the trial.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

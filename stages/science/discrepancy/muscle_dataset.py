@@ -3,8 +3,6 @@
 `MeasuredTables` flow in; for each muscle the channels of its pressure and its force flow out, gaps bridged and marked.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Any, Literal
 

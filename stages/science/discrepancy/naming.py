@@ -3,8 +3,6 @@
 Outputs at their present fits and what each effect promises there flow in; probabilities, gaps and a name flow out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 

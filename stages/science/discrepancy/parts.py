@@ -4,8 +4,6 @@ The parts and records that a recording tells of its trials flow in; what each tr
 samples keep neighbouring ones apart.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Annotated, Self

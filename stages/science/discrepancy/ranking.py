@@ -1,7 +1,5 @@
 """What a search found, as rows: its rounds, the effects that it named, the values at each step."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import Any
 

@@ -4,8 +4,6 @@ A search that has ended flows in; out flow, by channel, the share of the gap tha
 and two probabilities.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from typing import NamedTuple
 

@@ -1,7 +1,5 @@
 """The verdict in an engineer's words."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any

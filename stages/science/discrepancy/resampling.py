@@ -1,7 +1,5 @@
 """Trials drawn again with replacement, and intervals over them."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stages.science.signals.trajectories import Array

@@ -3,8 +3,6 @@
 Output channels after the nominal fit flow in; tidy rows of averages flow out. Standard errors are over trials.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from operator import attrgetter
 from typing import Any

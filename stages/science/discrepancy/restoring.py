@@ -1,7 +1,5 @@
 """Fits and outputs rebuilt from the tables that keep them, and rows for those tables."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A fitted model flows in. Each form is simulated once from each of its starts; th
 free constants could imitate, is regressed on the residual, trials left out in turn.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import product

@@ -4,8 +4,6 @@ Outputs with their trials flow in; out flow the rounds of the search, each with 
 nominal fit, the fit with what was named, and what a flexible model would leave.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, field, replace
 from itertools import product

@@ -1,7 +1,5 @@
 """Sections of the configuration that the stages of the discrepancy workflow share."""
 
-from __future__ import annotations
-
 from importlib.util import find_spec
 from typing import Literal, Self
 

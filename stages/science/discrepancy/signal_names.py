@@ -1,7 +1,5 @@
 """What measured signals are called in sentences and formulas: their names in words, and their units apart."""
 
-from __future__ import annotations
-
 from stages.science.output_channels.features import DISTANCE
 from stages.science.recording.units import ENDS, own_unit
 

@@ -3,8 +3,6 @@
 Outputs with all trials and the last step's values flow in; averages along that variable flow out.
 """
 
-from __future__ import annotations
-
 from typing import Any, NamedTuple
 
 import numpy as np

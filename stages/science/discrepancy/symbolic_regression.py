@@ -4,8 +4,6 @@ A fitted model and a few inputs flow in; out flow the terms that predict trials 
 nominal constants, and the parameters of effects already named, may change along with the weights.
 """
 
-from __future__ import annotations
-
 import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass

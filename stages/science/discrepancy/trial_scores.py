@@ -4,8 +4,6 @@ Residuals of trials left out flow in; scores flow out. An offset and a gain of e
 and each of the three has a variance of its own, which is integrated out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

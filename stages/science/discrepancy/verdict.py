@@ -1,7 +1,5 @@
 """Tables as entries of the verdict: where the gap is largest, and the effects with their parameters."""
 
-from __future__ import annotations
-
 from collections.abc import Collection
 from typing import Any
 

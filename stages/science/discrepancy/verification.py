@@ -3,8 +3,6 @@
 Outputs with all trials and the values of each step flow in; predictions and gaps flow out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass, replace
 from typing import Any

@@ -1,7 +1,5 @@
 """Physical effects, one small module each, and what several of them share."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass
 

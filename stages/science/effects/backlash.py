@@ -3,8 +3,6 @@
 The contraction of the muscle follows that of the geometry by a play operator.
 """
 
-from __future__ import annotations
-
 from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.plant.operators import follow_play
 from stages.science.signals.trajectories import Array

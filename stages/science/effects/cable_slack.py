@@ -5,8 +5,6 @@ always taut this is a zero of contraction. `hanging` loses tension beyond a cont
 `opening` slackens a cable that hardly pulls, so that the muscle is shorter until it pulls again.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

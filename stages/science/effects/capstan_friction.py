@@ -4,8 +4,6 @@ While the muscle shortens the joint feels less than the muscle pulls, and more w
 muscle's tip does not see it; the motion of the joint does.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ later than the one that acted. The recorded rate of contraction, which enters th
 is. Within a sample, signals run straight.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State, Values

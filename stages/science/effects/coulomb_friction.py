@@ -5,8 +5,6 @@ while it lengthens; only a load cell at the joint's end sees it. The strands of 
 pressure presses them (`sleeve`); any load cell sees that.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import replace
 

@@ -7,8 +7,6 @@ slowly, so that a step of pressure creeps too. In `stress_relaxation` the force 
 the surplus fades with two time constants.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

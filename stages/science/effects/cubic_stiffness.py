@@ -4,8 +4,6 @@ Rubber and braid harden towards both ends of the range: less tension when short,
 acts along a driven muscle; in an oscillator the same law is a term of the equation of motion.
 """
 
-from __future__ import annotations
-
 from stages.science.effects import name_terms
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array

@@ -4,8 +4,6 @@
 and tension rises.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -6,8 +6,6 @@ turn) with the force that the pressure would give at rest length, `prandtl_ishli
 with nothing, `force_scaled` with the force itself. `regulator` is a play between command and pressure.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

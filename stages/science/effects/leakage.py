@@ -4,8 +4,6 @@
 pressure, as through a small hole, and weighs more at low pressure.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

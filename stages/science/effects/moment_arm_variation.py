@@ -5,8 +5,6 @@ contraction of the constant arm to the true one. The rate of contraction, which 
 as it is, and so is the arm by which tension turns a simulated joint.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

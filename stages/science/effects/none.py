@@ -1,7 +1,5 @@
 """No effect at all, so that its absence is a choice like any other."""
 
-from __future__ import annotations
-
 from stages.science.plant.effect import ChainEffect, State, Values
 from stages.science.signals.trajectories import Array
 

@@ -3,8 +3,6 @@
 The magnitude is the inverse of the rim's height: at zero the rim is infinitely high.
 """
 
-from __future__ import annotations
-
 from stages.science.effects import name_terms
 from stages.science.plant.effect import DynamicEffect, Parameter
 

@@ -5,8 +5,6 @@ A threshold pressure, by contrast, stays missing from the force at every higher 
 around, force rises smoothly over a part of the band.
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from stages.science.plant.effect import ChainEffect, Parameter, State, Values

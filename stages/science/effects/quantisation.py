@@ -4,8 +4,6 @@ The only effect that is not continuous in its magnitude; it never errs by more t
 values that are whole multiples of one number give it away.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -5,8 +5,6 @@ it is the share of what lies beyond that is not read. Values exactly equal to th
 again, give the ends away.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Time is that of the session: the trial's start, and the time within it. Where st
 the trial counts.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

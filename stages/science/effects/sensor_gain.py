@@ -4,8 +4,6 @@ A load cell's gain is that of the static law, which takes it up. A pressure sens
 regulator's gain takes it up, and in the force through the pressure that acts.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from stages.science.plant.effect import ChainEffect, Parameter, State, Values

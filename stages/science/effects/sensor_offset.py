@@ -4,8 +4,6 @@ A load cell's zero is one of the nominal constants, which take it up. A pressure
 the regulator's zero takes it up, and in the force, where the pressure that acts is not the one shown.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 from stages.science.effects import name_terms

@@ -3,8 +3,6 @@
 The contraction that acts is that of the geometry plus the stretch, which is in balance with the static law's tension.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

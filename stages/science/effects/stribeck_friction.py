@@ -3,8 +3,6 @@
 Without the rise it is Coulomb friction; a load cell at the muscle's tip does not see it.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -3,8 +3,6 @@
 `hinge` takes all of it from the first; `exponential` takes it gradually, as a tube that stiffens does.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """A dead time between the command and the valve: bus, driver and hose."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stages.science.effects import name_terms

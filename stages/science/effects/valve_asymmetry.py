@@ -4,8 +4,6 @@ The time constant is multiplied by 1 + asymmetry while pressure falls and divide
 signature is a pressure error whose sign goes with the direction of change.
 """
 
-from __future__ import annotations
-
 from stages.science.effects import name_terms
 from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State, Values
 from stages.science.plant.filters import respond

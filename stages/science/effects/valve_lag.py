@@ -3,8 +3,6 @@
 Two first-order lags in series turn a step of command into an S, which starts flat.
 """
 
-from __future__ import annotations
-
 from stages.science.effects import name_terms
 from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State, Values
 from stages.science.plant.filters import lag

@@ -3,8 +3,6 @@
 The magnitude is the inverse of the limit: at zero there is none. Small and slow changes are not touched.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -4,8 +4,6 @@
 `pressure_scaled` grows with pressure.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 
 import numpy as np

@@ -1,7 +1,5 @@
 """What signals are called on axes, and the colours that figures of gaps share."""
 
-from __future__ import annotations
-
 from typing import Any
 
 WORDS = {

@@ -8,8 +8,6 @@ weights E, both (M, B) over a block of data:
     slopes      sum_n E (p_d - x_nd) of each pseudo-input, and sum_mn E (p_md - x_nd)^2
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from stages.science.gp.distance import keeps_digits

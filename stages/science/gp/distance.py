@@ -9,8 +9,6 @@ Inputs are centred and in units of the kernel's lengths throughout; with k = k(X
     |L' (b o (x - x*))|^2                     spread of the variance, per input
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from stages.science.gp.factor import Factor

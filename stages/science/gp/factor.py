@@ -3,8 +3,6 @@
 A covariance matrix flows in; its lower factor, the inverse of that factor and the jitter that was needed flow out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

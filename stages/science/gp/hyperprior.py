@@ -1,7 +1,5 @@
 """Independent Gaussian priors of the hyperparameters."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

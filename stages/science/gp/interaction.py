@@ -5,8 +5,6 @@ the picked samples appended and the muscles' models identified again. Nothing he
 serves a loop that drives a rig and an operator who does it by hand.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

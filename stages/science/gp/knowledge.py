@@ -4,8 +4,6 @@ The bank's inputs and the muscles' models flow in; the trajectory to execute flo
 `SparseInteraction` say what a trial adds to what is known.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
 from dataclasses import dataclass, replace

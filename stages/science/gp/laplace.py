@@ -1,7 +1,5 @@
 """The Laplace approximation: p(theta | D) ~ N(theta_MAP, S), with S^-1 minus the Hessian of the log posterior."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

@@ -8,8 +8,6 @@ a minimum over theta, dV = 0 there, and dV'S dV / (3 V) -> 0 with V because |dV|
 term is left out there, and V is held at its rounding error, so that all utilities stay finite.
 """
 
-from __future__ import annotations
-
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from functools import cached_property

@@ -9,8 +9,6 @@ z = L^-1 (y - m), a = C^-1 (y - m), W_i = L^-1 (dC/dtheta_i) L^-T and G = a a' -
 after Rasmussen and Williams (2006), 5.4; the hyperprior is counted once.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

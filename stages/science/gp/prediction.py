@@ -12,8 +12,6 @@ The second line's norm is b' K_d b - 2 (k o D_d)' b with C b = k put in: a longe
 cancels.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """The utility of every trajectory of a bank: point utilities added over muscles and samples, or joint information."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

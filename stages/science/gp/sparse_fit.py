@@ -6,8 +6,6 @@ what is returned is never below a start. A climb stops where a step gains less t
 largest slope is below `SLOPE`, or after the given number of iterations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ The bank's inputs, hyperpriors and an initial dataset flow in; each `SparseInter
 all recorded samples appended and the muscles' sparse models identified again, from where they were.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

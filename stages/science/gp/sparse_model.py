@@ -7,8 +7,6 @@ with v = L^-1 k_m(x*):
     variance    sf^2 - v'v + v' B^-1 v, of f; sn^2 more for y
 """
 
-from __future__ import annotations
-
 import numpy as np
 
 from stages.science.gp.cross import choose_cross

@@ -1,7 +1,5 @@
 """The samples of a recording that tell most, picked greedily and re-conditioned after each pick."""
 
-from __future__ import annotations
-
 from collections.abc import Callable, Sequence
 
 import numpy as np

@@ -4,8 +4,6 @@ Predictive terms flow in, nats (or a variance) flow out. V is the variance of f 
 sn^2 the noise; q is what uncertain hyperparameters add, q = dm' S dm + dV' S dV / (3 V), so that Vm = 4/3 V + q.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 A function flows in; figures of this machine flow out, which no table may hold.
 """
 
-from __future__ import annotations
-
 import time
 import tracemalloc
 from collections.abc import Callable

@@ -3,8 +3,6 @@
 A `Choice` and models flow in; plain values and frames in the columns of the tables flow out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -3,8 +3,6 @@
 Values of the configuration flow in; a `Design` of the GP's flows out.
 """
 
-from __future__ import annotations
-
 from dataclasses import fields
 from typing import Annotated, Literal, Self
 

@@ -1,7 +1,5 @@
 """The samples that models stand on, taken from what was executed."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

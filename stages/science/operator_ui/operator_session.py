@@ -4,8 +4,6 @@ Trials, samples and recordings flow in from the rig; what is to be seen flows ou
 operator flows back. No page makes the rig wait while a trial runs, and the newest sample wins.
 """
 
-from __future__ import annotations
-
 import logging
 import threading
 from collections import deque

@@ -1,7 +1,5 @@
 """The operator at the terminal: a session's questions flow out as lines, typed letters flow back as decisions."""
 
-from __future__ import annotations
-
 import contextlib
 import math
 import sys

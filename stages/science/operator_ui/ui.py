@@ -3,8 +3,6 @@
 The configuration's ``operator_ui`` flows in; out flows the operator session to which rigs report, until it is closed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 from pydantic import Field, PrivateAttr

@@ -1,7 +1,5 @@
 """Values that a sensor repeats exactly: the levels at which it saturates, and its quantisation step."""
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

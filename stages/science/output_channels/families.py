@@ -5,8 +5,6 @@ family that left-out trials chose. A wrong law is a static map: products of powe
 processes of different widths the rest.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import combinations_with_replacement
 

@@ -4,8 +4,6 @@ An output flows in; out flow columns that follow no literature: powers, products
 which way it goes, how much has been moved, what the neighbours do, time.
 """
 
-from __future__ import annotations
-
 from itertools import combinations_with_replacement
 
 import numpy as np

@@ -5,8 +5,6 @@ their own, or boosted trees, neither of which has a name for anything, were fitt
 tells the noise from what is reproducible.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ Ornstein-Uhlenbeck processes that start anew in every trial: a quick one, as fil
 one, as temperature and posture do. A residual's log density under them is that of a Kalman filter's innovations.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple
 

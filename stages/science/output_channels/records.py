@@ -3,8 +3,6 @@
 Tidy signals flow in; by record, arrays without gaps and where they were measured flow out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

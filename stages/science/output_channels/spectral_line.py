@@ -4,8 +4,6 @@ Residuals flow in; out flow the line's frequency, if there is one, and residuals
 a line, but it is no noise either: mains, a compressor, a loose part that rings.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

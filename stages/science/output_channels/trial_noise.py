@@ -3,8 +3,6 @@
 Signals of trials flow in; their parts, and the signals over the standard deviations of these parts, flow out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

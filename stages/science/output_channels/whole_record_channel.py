@@ -4,8 +4,6 @@ Signals of records and the list of their blocks flow in; an output flows out. A 
 beginning, however many of its blocks are looked at, so that memory is kept.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property

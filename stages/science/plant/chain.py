@@ -1,7 +1,5 @@
 """The actuator path of a whole machine's muscles side by side, from command to sensors."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stages.science.plant.actuator_path import Acting, ActuatorPath

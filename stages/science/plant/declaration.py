@@ -1,7 +1,5 @@
 """How a section of the configuration is declared: every key required, none unknown, finite numbers."""
 
-from __future__ import annotations
-
 import difflib
 import importlib
 import pkgutil

@@ -3,8 +3,6 @@
 A section of YAML flows in; checked values come out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, ClassVar, Self
 

@@ -4,8 +4,6 @@ Signals of records flow in; the answer flows out. A subclass says how constants 
 `element` change it, in the element's own scales.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Self

@@ -3,8 +3,6 @@
 Rows of the configuration flow in; nothing else in the code knows how many joints or muscles there are.
 """
 
-from __future__ import annotations
-
 import math
 from collections import Counter
 from typing import Literal, Self

@@ -1,7 +1,5 @@
 """Filters of sampled signals, each column on its own: lags, a shift in time, and a reading that ends."""
 
-from __future__ import annotations
-
 import numpy as np
 from numba import njit
 

@@ -5,8 +5,6 @@ depend on motion and change it: they are fed back by a fixed number of passes, f
 law to motion.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -5,8 +5,6 @@ a fixed number of steps per sample. Every term is always there and zero where ab
 compiles anew. Joints touch each other through the person alone.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import NamedTuple

@@ -5,8 +5,6 @@ output pass the same filters (state-variable filters: Young, Parameter estimatio
 17, 1981), so that noise between samples does not matter.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

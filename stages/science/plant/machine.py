@@ -1,7 +1,5 @@
 """Which machine is simulated: muscles that move joints, or one of another kind, told by the section's key ``kind``."""
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Mapping
 from typing import Annotated, Any

@@ -7,8 +7,6 @@ velocity in scales per pace, and f the drive, x' = w and w' = f - hold x - dampi
 All terms are always compiled; those at zero are absent.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple

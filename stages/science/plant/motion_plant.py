@@ -4,8 +4,6 @@ Signals of records flow in; the motion flows out. A subclass says how constants 
 `motion` act in all of them, in the machine's own scales.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, NamedTuple, Self

@@ -4,8 +4,6 @@ Pressure, contraction and its velocity flow in; tension comes out. The law is li
 contraction, beside a part that does not depend on pressure.
 """
 
-from __future__ import annotations
-
 from typing import NamedTuple
 
 import numpy as np

@@ -4,8 +4,6 @@ Arrays (T, K) flow in and out, each column on its own, from rest at the first sa
 that the input took and not on its speed. The cable's dry frictions share one, its bounds and where fits begin.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 
 import numpy as np

@@ -3,8 +3,6 @@
 A reference and a generator flow in; the intended movement and the torque that pushes beside it come out.
 """
 
-from __future__ import annotations
-
 import math
 from typing import NamedTuple, Self
 

@@ -4,8 +4,6 @@ A section of YAML flows in; checked values come out. A muscle's constants stand 
 where it differs from its type.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, Self
 

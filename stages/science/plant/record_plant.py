@@ -4,8 +4,6 @@ A section of YAML and recorded signals flow in; checked values, what the data th
 and the simulated output come out. A kind of machine is one file of ``stages/science/plant/machines`` with a subclass.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Annotated, Any, ClassVar, NamedTuple, Self, TypeVar, get_args

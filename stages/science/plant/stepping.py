@@ -5,8 +5,6 @@ samples since the trial began; the joints' integrator goes on from where it was.
 to the tension by passes over the trial; here each sample is passed over, beginning with what the sample before had.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import replace
 

@@ -4,8 +4,6 @@ Adopted samples and the muscles' descriptions flow in; samples with every readin
 out or derived.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from difflib import get_close_matches
 

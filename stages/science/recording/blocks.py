@@ -3,8 +3,6 @@
 A tidy frame with signals side by side flows in; records in long form and their blocks flow out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

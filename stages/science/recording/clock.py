@@ -4,8 +4,6 @@ Times flow in as they were recorded; they flow out as whole samples of a uniform
 become samples without values, as no filter or simulation may take what lies beyond a gap for the next sample.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

@@ -6,8 +6,6 @@ identified by the endings of their columns' names: uEst, yEst, uVal, yVal become
 muscle or joint has a column, patterns such as ``force_{muscle}`` name them, and rows for each muscle and time flow out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 

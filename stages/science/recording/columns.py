@@ -4,8 +4,6 @@ A frame as it was read flows in, with the map of columns and units; a frame of t
 index counts the rows of the file. Every refusal names the column and the rows, counted from 0.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 

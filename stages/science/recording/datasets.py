@@ -3,8 +3,6 @@
 Tidy samples and what describes the machine flow in; a row for each trial, and `MeasuredTables` flow out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any
 

@@ -4,8 +4,6 @@ Values of a column flow in; seconds flow out, or None where they are no dates. W
 by the sign between them, by a number above 12, or by AM and PM; where it matters and nothing tells, it is asked for.
 """
 
-from __future__ import annotations
-
 import pandas as pd
 
 ISO = r"\d{4}-\d{2}-\d{2}"

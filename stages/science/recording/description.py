@@ -4,8 +4,6 @@ Columns as they were read flow in, with the map that `guess_map` makes of their 
 arguments of a command flow out.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 

@@ -4,8 +4,6 @@ Headings flow in, with what kind of values stand below; a map of columns and uni
 plain. What is not plain is left to the person.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field

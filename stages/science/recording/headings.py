@@ -3,8 +3,6 @@
 Headings flow in, with units from a row of their own; names and units flow out, or a `RecordingError`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 from typing import NamedTuple

@@ -4,8 +4,6 @@ Columns flow in, with the one that is time; those that label records flow out. N
 ``Nr`` may count records or rows.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Mapping
 

@@ -1,7 +1,5 @@
 """The tables that hold a measured dataset, as one value."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import pandas as pd

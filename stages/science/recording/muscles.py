@@ -3,8 +3,6 @@
 The mapping that meta.json holds, or the configured exoskeleton, flows in; rows of muscles and a `Session` flow out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from itertools import pairwise
 from typing import Any, Literal, Self

@@ -3,8 +3,6 @@
 A column's values flow in; a refusal that offers the unit that would fit flows out, or nothing.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterable, Mapping
 
 import numpy as np

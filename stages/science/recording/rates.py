@@ -4,8 +4,6 @@ Tidy frames with signals side by side flow in, each record on a uniform clock of
 out, with notes of what was resampled.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from fractions import Fraction
 

@@ -4,8 +4,6 @@ Rows of a record flow in with the times that its recorder wrote; they flow out o
 done.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 
 import numpy as np

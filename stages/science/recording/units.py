@@ -3,8 +3,6 @@
 A column's name and a unit flow in; factor and offset flow out. The ending of a column's name states its own unit.
 """
 
-from __future__ import annotations
-
 import math
 import re
 

@@ -3,8 +3,6 @@
 It is the computer's own; a test can put another in its place, which passes as quickly as whoever waits for it sleeps.
 """
 
-from __future__ import annotations
-
 import threading
 import time
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ Simulated and real rigs are siblings: shapes are known before connecting, trials
 lets go of its actuators whatever happens.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
 from types import TracebackType

@@ -5,8 +5,6 @@ records free movements, or draws levels from the same ranges, checks them here a
 the path of its own section in front.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Annotated, Any
 

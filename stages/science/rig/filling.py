@@ -4,8 +4,6 @@ The trial's first command flows in; the commands of the lead-in flow out. Nobody
 milliseconds, as the limits on the rate alone would permit.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from pydantic import Field
 

@@ -4,8 +4,6 @@ A command flows in; the command that may be applied flows out, with what made it
 References flow in before anything moves, samples while it does; what forbids them flows out in words.
 """
 
-from __future__ import annotations
-
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 

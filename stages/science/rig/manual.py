@@ -5,8 +5,6 @@ execute and where to put it. So a loop that drives a rig serves an operator unch
 started again.
 """
 
-from __future__ import annotations
-
 import hashlib
 import re
 from pathlib import Path

@@ -1,7 +1,5 @@
 """How an experimenter moves when nothing is asked of them."""
 
-from __future__ import annotations
-
 import numpy as np
 from pydantic import Field, PositiveFloat
 

@@ -4,8 +4,6 @@ Ticks flow out when they are due, with how late they are; those that were slept 
 follows keeps to the trial's time.
 """
 
-from __future__ import annotations
-
 import gc
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

@@ -4,8 +4,6 @@ A section of the configuration and a generator flow in; the commands of an exper
 trial's rows, the `Trial` that a rig executes.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 from pydantic import Field, PositiveInt

@@ -4,8 +4,6 @@ Adopted rows of one trial flow in, as they were recorded; as many samples as a t
 each muscle, or a `RecordingError` that names rows and what to set.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

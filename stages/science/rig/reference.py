@@ -4,8 +4,6 @@ A movement's long table flows in; the `Trial` that displays its joint angles and
 or what was measured when a rig executed it.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

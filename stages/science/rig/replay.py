@@ -4,8 +4,6 @@ A trial flows in; out flows the recording of the one that it is, by its pressure
 exoskeleton's clock. Nothing moves. It is the one rig that reads files through `stages.science.recording.files`.
 """
 
-from __future__ import annotations
-
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager

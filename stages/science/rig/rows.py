@@ -3,8 +3,6 @@
 Rows of one trial flow in, one for each muscle and time; the `Recording` flows out.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 import numpy as np

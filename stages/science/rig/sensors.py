@@ -1,7 +1,5 @@
 """What sensors make of a motion: noise, counts, and velocities that are filtered derivatives."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stages.science.plant.chain import Chain

@@ -3,8 +3,6 @@
 Such a rig lies outside this package and is named by configuration.
 """
 
-from __future__ import annotations
-
 import hashlib
 import json
 from collections.abc import Mapping

@@ -3,8 +3,6 @@
 Configuration and trials flow in, recordings flow out. Every random number comes from the generator given to `execute`.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace

@@ -1,7 +1,5 @@
 """A trial, and the recording of what was applied and measured in it."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from typing import Any, Literal

@@ -5,8 +5,6 @@ on the test trials before, after, at the noise floor, and with the true names kn
 effect that was simulated elsewhere, without noise.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 

@@ -1,7 +1,5 @@
 """Score of one session: which names are right, on the right muscles, and what share of the gap was closed."""
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping
 from typing import Annotated, Any

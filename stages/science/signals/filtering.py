@@ -1,7 +1,5 @@
 """The derivative of a sampled signal."""
 
-from __future__ import annotations
-
 from stages.science.signals.trajectories import Array
 
 

@@ -1,7 +1,5 @@
 """How far a prediction is from a measurement, and how late one signal follows another."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike
 

@@ -1,7 +1,5 @@
 """Band-limited noise: what makes a person's movement a person's."""
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import NDArray
 

@@ -3,8 +3,6 @@
 Via points flow in, or are drawn from a generator; a trajectory sampled at a fixed rate comes out.
 """
 
-from __future__ import annotations
-
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 

@@ -3,8 +3,6 @@
 What each experiment chose flows in; one `Concentration` flows out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

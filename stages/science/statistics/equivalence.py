@@ -4,8 +4,6 @@ Values and a margin flow in; one `Equivalence` flows out. A difference that is n
 a 90 % interval within the margin does.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from dataclasses import dataclass
 

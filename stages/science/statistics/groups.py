@@ -3,8 +3,6 @@
 One value per member of each group flows in; one `GroupComparison` flows out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 import numpy as np

@@ -1,7 +1,5 @@
 """Intervals of shares and medians: of few sessions, and of values in blocks that depend on each other."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
 

@@ -3,8 +3,6 @@
 One figure of merit per experiment and method flows in; one `PairedComparison` flows out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from typing import Any
 

@@ -6,8 +6,6 @@ error's distribution. That is exact for normal data, also for Welch's test, whos
 sample.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
 from functools import cache
 

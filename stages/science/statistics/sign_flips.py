@@ -1,7 +1,5 @@
 """Exact paired test over trials: under no difference, each trial's difference is as likely with the other sign."""
 
-from __future__ import annotations
-
 import numpy as np
 
 from stages.science.statistics.paired import Array

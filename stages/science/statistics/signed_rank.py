@@ -3,8 +3,6 @@
 One figure of merit per experiment and method flows in; one `RankComparison` flows out.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cache
 

@@ -3,8 +3,6 @@
 Rows with a difference and p-values flow in; the same rows with ``p_holm`` and ``verdict`` flow out.
 """
 
-from __future__ import annotations
-
 import numpy as np
 import pandas as pd
 

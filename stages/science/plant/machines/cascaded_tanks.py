@@ -4,8 +4,6 @@ Flow out of a tank goes with the root of its level (Torricelli). A measured pump
 the terms that named effects add; the reading of the lower level flows out. Levels are told in the unit of the reading.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal, NamedTuple, Self

@@ -4,8 +4,6 @@ A measured input flows in, with constants and the terms that named effects add; 
 in a scale of the output and times in a pace, so that one effect has the same bounds on every machine of the kind.
 """
 
-from __future__ import annotations
-
 import math
 from collections.abc import Mapping, Sequence
 from typing import Any, ClassVar, Literal, NamedTuple, Self

@@ -6,8 +6,6 @@ y'' = gain (p1 - p2) + bias - (stiffness + stiffening (p1 + p2)) y - damping y'.
 pressures and motion alone do not tell.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import Literal
 

@@ -1,7 +1,5 @@
 """A driven oscillator: m y'' + d y' + k y = input, told by its gain, natural frequency and damping ratio."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal, Self
 

@@ -3,8 +3,6 @@
 Friction is no textbook constant here: it is what such a model misses.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from typing import ClassVar, Literal
 

@@ -5,8 +5,6 @@ pressure; a pneumatic cylinder, pressures and a friction that is an effect. Sign
 and effects; the answer flows out. What depends on the way or the speed is never nominal: it has a name, or none.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Literal, Self
 

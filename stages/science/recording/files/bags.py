@@ -6,8 +6,6 @@ gives the clock; of every other one a row holds the newest value not later than 
 such files are imported where one is read, as most studies read none.
 """
 
-from __future__ import annotations
-
 import dataclasses
 import json
 from collections import defaultdict

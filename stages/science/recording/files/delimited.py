@@ -3,8 +3,6 @@
 The first lines of a file flow in; what is needed to read it flows out, or a `ValueError` that says what to change.
 """
 
-from __future__ import annotations
-
 import codecs
 import csv
 import re

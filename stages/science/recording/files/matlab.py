@@ -3,8 +3,6 @@
 scipy is imported where a file is read, as most studies read none.
 """
 
-from __future__ import annotations
-
 import warnings
 from dataclasses import dataclass, field
 from pathlib import Path

@@ -4,8 +4,6 @@ A path flows in, columns under their own names flow out.
 A file that is none of these, or cannot be read, is refused in one line.
 """
 
-from __future__ import annotations
-
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass

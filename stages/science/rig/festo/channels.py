@@ -4,8 +4,6 @@ Counts flow in, kPa, N and rad flow out; commands in kPa flow in, counts flow ou
 of one count times the counts beyond zero.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 

@@ -4,8 +4,6 @@ A value is the sign times the value of one count times the counts beyond zero, s
 values; its residuals are told in the values' unit.
 """
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ A link and a time flow in; the counts of all inputs over that time flow out. Whi
 watchdog is armed; the muscle is filled and let down along ramps, and let down whatever happens.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass
 

@@ -4,8 +4,6 @@ Whatever goes wrong on the way is told as one `LinkLost`. While it is armed, the
 to zero when no request reaches it for a stated time, so that a dead computer or cable lets the muscles down.
 """
 
-from __future__ import annotations
-
 import logging
 import struct
 from collections.abc import Iterator

@@ -5,8 +5,6 @@ watchdog is disarmed only once the device has confirmed commands of zero; a devi
 nothing more, so that its watchdog does it.
 """
 
-from __future__ import annotations
-
 import contextlib
 from collections.abc import Callable
 

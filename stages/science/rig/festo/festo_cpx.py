@@ -5,8 +5,6 @@ own watchdog is armed; whatever ends a trial early lets all of them down in a st
 longer be reached, leaves that to the watchdog.
 """
 
-from __future__ import annotations
-
 import logging
 import socket
 import tempfile

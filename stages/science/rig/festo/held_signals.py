@@ -3,8 +3,6 @@
 A signal flows in; its name flows out to whoever asks, and at the end the signal itself, to whom it was for.
 """
 
-from __future__ import annotations
-
 import signal
 import threading
 from collections.abc import Iterator

@@ -4,8 +4,6 @@ The settings flow in; out flow the turns of the loop in the order of asking, wha
 the person read off the reference gauge.
 """
 
-from __future__ import annotations
-
 import csv
 import math
 from collections.abc import Iterable, Mapping

@@ -3,8 +3,6 @@
 Samples flow in as they are taken; rows flow out to whoever watches, and in the end the whole trial.
 """
 
-from __future__ import annotations
-
 from dataclasses import replace
 from typing import Any
 

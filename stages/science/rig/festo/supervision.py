@@ -3,8 +3,6 @@
 Counts and values flow in, sample after sample; out flow a status for each muscle and, where the trial has to end, why.
 """
 
-from __future__ import annotations
-
 from collections import deque
 from dataclasses import dataclass
 
