@@ -7,6 +7,7 @@ defaults of their own, so a value stands in YAML or nowhere.
 
 import dataclasses
 import importlib
+import importlib.util
 import inspect
 import re
 import typing
@@ -16,7 +17,7 @@ from typing import Annotated, Any, ClassVar, Literal
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError
+from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
 from pydantic.errors import PydanticSchemaGenerationError
 
 from pipeline.errors import ConfigError, suggest
@@ -96,6 +97,17 @@ class Workflow(Section):
     metrics: dict[str, Metric]
     curves: dict[str, Curve]
     quoted: list[str]
+
+    @field_validator("package")
+    @classmethod
+    def _find_package(cls, package: str) -> str:
+        try:
+            found = importlib.util.find_spec(package) if all(map(str.isidentifier, package.split("."))) else None
+        except ModuleNotFoundError:
+            found = None
+        if found is None or found.submodule_search_locations is None:
+            raise ValueError(f"expected the dotted name of a Python package, got {package!r}")
+        return package
 
 
 def _check_name(value: Any) -> Any:

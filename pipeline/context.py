@@ -89,7 +89,7 @@ class Record:
             if kept is not None:
                 error.add_note(f"what was measured until then: {kept}")
             raise
-        if set(frames) - set(self.tables):
+        if not frames or set(frames) - set(self.tables):
             raise TableError(f"a part may have tables {', '.join(self.tables)}; got {', '.join(frames)}")
         temporary = self.folder / f".{name}.{os.getpid()}{TEMPORARY_SUFFIX}"
         shutil.rmtree(temporary, ignore_errors=True)

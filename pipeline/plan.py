@@ -124,8 +124,8 @@ def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) ->
             continue
         damaged = ledger.damage(record)
         if damaged is None:
-            changed = ingredients.changes(record)
-            if changed:  # of what was measured, code or libraries alone
+            changed = [each for each in ingredients.changes(record) if each.startswith(("code", "library"))]
+            if changed:  # of what was measured
                 return Step(stage, "kept", f"measured in {record['origin']}; since then {changed[0]}", ledger)
             return Step(stage, "fresh", f"made in {record['origin']}", ledger)
         damage = damage or damaged

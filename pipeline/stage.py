@@ -7,7 +7,6 @@ stands for several tables, one per field.
 """
 
 import importlib
-import importlib.util
 import inspect
 import pkgutil
 import typing
@@ -127,12 +126,6 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
 
 def _find_modules(package: str) -> dict[str, str]:
     """Return the dotted name of each file in a package and in its folders, by the file's own name."""
-    try:
-        found = importlib.util.find_spec(package) if all(each.isidentifier() for each in package.split(".")) else None
-    except ModuleNotFoundError:
-        found = None
-    if found is None or found.submodule_search_locations is None:
-        raise ConfigError(f"workflow.package: expected the dotted name of a Python package, got {package!r}")
     folders = [package]
     modules: dict[str, str] = {}
     for folder in folders:

@@ -1,6 +1,8 @@
 """The rules of direction: who may import whom, and who may write files."""
 
 import ast
+import subprocess
+import sys
 from graphlib import TopologicalSorter
 from pathlib import Path
 
@@ -143,3 +145,19 @@ def test_nothing_private_is_imported():
     found = [(path, name) for path, node in walk("stages", "pipeline") for name in list_imported(node)]
     private = [(path, name) for path, name in found if any(part.startswith("_") for part in name.split("."))]
     assert not [each for each in private if "__future__" not in each[1]]
+
+
+def test_everything_imports_without_the_extras():
+    """A core install has none of their packages: they are imported where they are used."""
+    missing = "aiohttp", "cpx_io", "pymodbus", "mcap", "rosbags", "pysindy", "mlflow"
+    paths = [
+        path.relative_to(ROOT).with_suffix("")
+        for room in ("pipeline", "stages")
+        for path in (ROOT / room).rglob("*.py")
+    ]
+    names = sorted({".".join(each.parts).removesuffix(".__init__") for each in paths if each.name != "__main__"})
+    code = (
+        f"import sys, importlib; sys.modules.update(dict.fromkeys({missing})); [*map(importlib.import_module, {names})]"
+    )
+    found = subprocess.run([sys.executable, "-c", code], cwd=ROOT, capture_output=True, text=True)
+    assert found.returncode == 0, found.stderr[-2000:]

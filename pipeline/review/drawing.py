@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
 RESOLUTION = 130
 MOST_AXES = 4
-MOST_CELLS = 30
+MOST_CELLS, MOST_PICTURES = 30, 24
 """Values of an axis up to which it can be one of a grid's."""
 MOST_LABELLED_CELLS = 12
 MOST_LINES = 24
@@ -57,15 +57,19 @@ def draw_curves(curves: Curves) -> Picture:
 
 def draw_metrics(sweep: Sweep) -> Iterator[tuple[str, list[Picture], str]]:
     """Yield each metric's heading, its pictures, and why it has none, or not all."""
-    left = sweep.axes[MOST_AXES:]
+    left, drawn = sweep.axes[MOST_AXES:], 0
     for metric in sweep.metrics:
         points, head = sweep.points(metric), sweep.head(metric)
         if len(points) < 2:
             yield head, [], f"{len(points) or 'no'} job that is done has it as a number: nothing to draw"
         elif not sweep.varying:
             yield head, [], "no key varies"
+        elif drawn >= MOST_PICTURES:
+            yield head, [], f"{drawn} pictures are enough for a page: see the table"
         else:
-            yield head, [*_draw_metric(sweep, head, points)], f"not drawn over {', '.join(left)}" if left else ""
+            pictures = [*_draw_metric(sweep, head, points)]
+            drawn += len(pictures)
+            yield head, pictures, f"not drawn over {', '.join(left)}" if left else ""
 
 
 def _draw_metric(sweep: Sweep, head: str, points: pd.DataFrame) -> Iterator[Picture]:

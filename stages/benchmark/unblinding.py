@@ -87,7 +87,8 @@ def _compare(
         true = [each["name"] for each in hidden if each["channel"] == channel and muscle in each["muscles"]]
         here = said[(said["channel"] == channel) & (said["muscle"] == muscle)]["name"]
         named = {"muscle": muscle, "channel": channel, "hidden": "+".join(true), "named": "+".join(here)}
-        told = {"hidden_gap_over_floor": gaps[channel][muscle], "found_gap_over_floor": row["gap_over_floor"]}
+        found = {"found_gap_over_floor": float(row["gap_over_floor"])}
+        told = {"hidden_gap_over_floor": float(gaps[channel][muscle]), **found}
         rows.append({**named, "right": set(true) == set(here), **told})
     return rows
 

@@ -293,14 +293,22 @@ def judge_turn(
         for its in (told[CALIBRATION_SAMPLES.name], told[CALIBRATION_TURNS.name])
     )
     (how,) = turns.to_dict("records")
-    places, judged = rig.map_channels().places, {}
+    judged = {}
     for channel in turn.channels:
         kind = split_name(channel)[1]
         counts = samples.loc[samples["channel"] == channel, "count"].to_numpy()
         if kind == "command":
             counts = np.full(samples["time_s"].nunique(), how["command_count"])
-        judged[channel] = judge_point(counts, kind, places[channel], rig.device.counts, settings, str(how["stopped"]))
+        judged[channel] = judge_point(
+            counts, kind, _find_place(rig, channel), rig.device.counts, settings, str(how["stopped"])
+        )
     return judged
+
+
+def _find_place(rig: FestoCpx, channel: str) -> Any:
+    """Return what is configured of a channel of the rig, which the exoskeleton may lack."""
+    owner, kind = split_name(channel)
+    return rig.encoders[owner] if kind == "encoder" else getattr(rig.channels[owner], kind)
 
 
 def fit_lines(
@@ -311,7 +319,7 @@ def fit_lines(
     means = average_inputs(told[CALIBRATION_SAMPLES.name], channels)
     rows, changes, residual = [], [], pd.Series(np.nan, index=points.index)
     for channel in settings.chosen:
-        its, place = points[points["channel"] == channel], channels.places[channel]
+        its, place = points[points["channel"] == channel], _find_place(rig, channel)
         at = pd.MultiIndex.from_frame(its[["point", "attempt"]])
         counted = means.loc[means.index.isin(at)].reindex(at)
         spread = {name: float(np.nanmedian(counted["spread", name])) for name in channels.names}

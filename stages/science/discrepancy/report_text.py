@@ -117,7 +117,8 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     least = settings.report.nearest_gap * alone
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
-    near = f" {_spell(nearest['name']).capitalize()} would be one, but is not enough." if nearest else ""
+    name = _spell(nearest["name"]) if nearest else ""
+    near = f" {name[0].upper()}{name[1:]} would be one, but is not enough." if nearest else ""
     line_hz, mapped = left["line_hz"], left["family"] == STATIC_MAP
     family = FAMILIES.get(left["family"], "a flexible model")
     hum = f"an oscillation at {line_hz or 0.0:.3g} Hz runs through all trials, which the simulation lacks"

@@ -62,7 +62,9 @@ class SearchTables:
         values = [float(constants[each.name]) for each in output.constants]
         forms: list[EffectForm] = []
         for effect, form, by_name in _group(rows[rows["effect"] != ""]):
-            found = next(each for each in output.forms if (each.name, each.form) == (effect, form))
+            found = next((each for each in output.forms if (each.name, each.form) == (effect, form)), None)
+            if found is None:
+                raise ValueError(f"no effect {effect} of form {form} at this output")
             forms.append(found)
             values += [by_name[each.name] for each in found.parameters]
         return Model(output, tuple(forms)), np.array(values)

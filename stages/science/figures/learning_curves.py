@@ -45,6 +45,8 @@ def draw_learning_curves(
     cut : bool
         Whether the panels end above the highest mean, so that large SDs do not flatten the means.
     """
+    from matplotlib.ticker import MaxNLocator
+
     figure, axes = begin_panels(len(panels), 3.9, 3.1)
     for axis, muscle in zip(axes, panels, strict=False):
         panel = summary[(summary["muscle"] == muscle) & summary[by].isin(lines)]
@@ -58,7 +60,7 @@ def draw_learning_curves(
             axis.errorbar(trial, 100 * its["error_rate_mean"], spread, **bars)
         axis.set(title="average of the muscles" if muscle == AVERAGE else muscle, ylabel="error rate (%)")
         axis.set_ylim(0, 115 * panel["error_rate_mean"].max() if cut else None)
-        axis.xaxis.get_major_locator().set_params(integer=True)
+        axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.tick_params(labelbottom=True)
         axis.grid(alpha=0.25)
     finish_panels(axes, len(panels), title)

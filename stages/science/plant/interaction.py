@@ -74,6 +74,11 @@ def follow(
     constants, of_muscle = chain.constants, np.asarray(of_muscle)
     contraction = constants.contraction_at_angle_0 + constants.contraction_per_rad * angle_rad[:, of_muscle]
     rate = constants.contraction_per_rad * velocity_rad_per_s[:, of_muscle]
+    if not chain.bends_force:
+        force, tension = (each[since:] for each in chain.pull(pressure_kpa, contraction, rate))
+        nothing = np.zeros_like(tension)
+        motion = Motion(pressure_kpa, contraction, rate, force, tension, angle_rad, velocity_rad_per_s)
+        return motion, nothing, nothing
     moving = np.copysign(np.maximum(np.abs(rate), SLOWEST_PER_S), rate)
     rates = np.concatenate([rate, moving, np.zeros_like(moving)], axis=1)
     motions, path = (np.tile(pressure_kpa, 3), np.tile(contraction, 3), rates), chain.repeat(3)

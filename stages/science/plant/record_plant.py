@@ -14,7 +14,7 @@ from pydantic import BaseModel, Field, model_validator
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import DynamicEffect, Effect, Parameter
-from stages.science.plant.effect_config import EffectConfig, NominalConstant, infer_from_data
+from stages.science.plant.effect_config import EffectConfig, NominalConstant, find_effect_at, infer_from_data
 from stages.science.plant.linear_guess import find_pace
 from stages.science.signals.trajectories import Array
 
@@ -133,6 +133,8 @@ class RecordPlant(Declared):
     def _check_signals_and_effects(self) -> Self:
         if self.output in self.inputs:
             raise ValueError(f"output: expected another signal than those it is told from, got {self.output}")
+        for entry in self.effects:
+            find_effect_at(self.SITE, entry.name, entry.form)
         if self.TERMS is not None:
             collect(self.TERMS, self.SITE, self.place())
         return self

@@ -4,6 +4,8 @@ Scenes and the newest sample flow from an `OperatorSession` to the pages; decisi
 pointer is flow back to it. The server runs in a thread of its own, on this computer only unless configured otherwise.
 """
 
+from __future__ import annotations
+
 import asyncio
 import contextlib
 import errno
