@@ -32,17 +32,17 @@ class Look:
         self.page.on("console", lambda message: self.complaints.append(message.text))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
 
-    def find_beyond(self, side, shown):
+    def find_beyond(self, side, shown, within_px=0.5):
         """What lies, of the elements that a selector finds, beyond the page in x, to the left or right, or in y."""
         return self.page.evaluate(
-            """([side, shown]) => {
+            """([side, shown, by]) => {
                 const [begins, ends, scroll, inner] = side === "x"
                     ? ["left", "right", "scrollWidth", innerWidth] : ["top", "bottom", "scrollHeight", innerHeight];
                 const beyond = [...document.querySelectorAll(shown)].filter(each => {
                     const box = each.getBoundingClientRect();
-                    return each.checkVisibility() && (box[begins] < -0.5 || box[ends] > inner + 0.5 || !box.width);
+                    return each.checkVisibility() && (box[begins] < -by || box[ends] > inner + by || !box.width);
                 }).map(each => each.outerHTML.slice(0, 80));
                 return document.documentElement[scroll] > inner ? [`page is larger in ${side}`, ...beyond] : beyond;
             }""",
-            [side, shown],
+            [side, shown, within_px],
         )

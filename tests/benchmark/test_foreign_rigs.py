@@ -285,6 +285,8 @@ def test_catalogues_share_no_seed_no_outsider_and_hardly_a_law():
         single = Counter((each.effects[0], each.magnitude) for each in scenarios if len(each.effects) == 1)
         assert all(single[key, size] >= 3 for key in EFFECTS_OF[name] for size in RATIOS)
     assert not {each.seed for each in building} & {each.seed for each in scoring}
+    assert len(OUTSIDERS_OF["foreign_scoring"]) >= 4
+    assert "stretch" not in LAW_CHANCES["foreign_building"]
     assert not set(OUTSIDERS_OF["foreign_building"]) & set(OUTSIDERS_OF["foreign_scoring"])
     assert {key for key, effect in EFFECTS.items() if effect.outsider} < set(OUTSIDERS_OF["foreign_building"])
     assert all(abs(sum(chances.values()) - 1.0) < 1e-12 for chances in LAW_CHANCES.values())

@@ -143,6 +143,17 @@ def test_muscles_of_a_joint_balance_each_other_and_gravity(commands):
             assert angle[:, j].max() < joint.upper_rad + 0.01
 
 
+@pytest.mark.parametrize("muscle", list(RANGES))
+def test_the_other_muscle_provides_the_force(muscle):
+    at, found = list(RANGES).index(muscle), []  # its force, and how long it is, at one pressure
+    for share in (0.1, 0.4, 0.7, 1.0):
+        command = np.tile(0.5 * (LOW + HIGH), (1000, 1))
+        command[:, at ^ 1] = (LOW + share * (HIGH - LOW))[at ^ 1]  # of the other muscle
+        told = execute(command)
+        found.append([told.force_n[-200:, at].mean(), -told.contraction[-200:, at].mean()])
+    assert (np.diff(found, axis=0) > [5.0, 0.005]).all()
+
+
 def find_dynamic_shares(commands):
     """Return what depends on velocity and on acceleration over what the agonist pulls, root mean squares, per joint."""
     exoskeleton = configured().exoskeleton

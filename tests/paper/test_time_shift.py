@@ -69,6 +69,12 @@ def test_agrees_with_scipy_and_statsmodels(generator):
         assert row["n"] == 12
 
 
+def test_one_experiment_decides_nothing(generator):
+    told = compared(make_curve(generator, {0.3: 0.02}, experiments=1))
+    assert (told["verdict"] == "undecided").all()
+    assert told[["low", "high", "d_z", "p_t", "p_holm", "p_tost", "power", "n_needed"]].isna().all(axis=None)
+
+
 def test_curves_are_means_over_experiments_of_averages_over_muscles(generator):
     curve = make_curve(generator, {0.3: 0.02}, sd=0.01)
     told = summarise(curve).set_index(["tested_on", "amplitude_s", "trial"]).loc[("bank", 0.3, 2)]

@@ -77,8 +77,8 @@ def children_of(process_id):
     return {each: command_of(each) for each in map(int, found)}
 
 
-def wait_for_the_end_of(processes):
-    deadline = time.monotonic() + 20
+def wait_for_the_end_of(processes, within_s=20):
+    deadline = time.monotonic() + within_s
     while any(command_of(each) == line for each, line in processes.items()):
         assert time.monotonic() < deadline
         time.sleep(0.05)

@@ -180,10 +180,11 @@ DAMAGES = {
     "foreign": lambda path: path.with_name("numbers.parquet").read_bytes(),
     "older": lambda path: pd.read_parquet(path).drop(columns="double").to_parquet(),
     "missing": lambda path: pd.read_parquet(path).assign(double=float("nan")).to_parquet(),
+    "one missing": lambda path: pd.read_parquet(path).assign(double=lambda its: its["double"].shift()).to_parquet(),
 }
 
 
-@pytest.mark.parametrize("damage", ["truncated", "flipped", "foreign", "missing"])
+@pytest.mark.parametrize("damage", ["truncated", "flipped", "foreign", "missing", "one missing"])
 def test_damaged_table_is_remade(done, reference, damage):
     path = done.runs[0] / "tables/doubles.parquet"
     overwrite(path, DAMAGES[damage](path))
@@ -192,7 +193,7 @@ def test_damaged_table_is_remade(done, reference, damage):
     assert ledger_of(done.runs[1])["stages"]["doubling"]["origin"] == done.runs[1].name
 
 
-@pytest.mark.parametrize("damage", ["truncated", "older", "missing"])
+@pytest.mark.parametrize("damage", ["truncated", "older", "missing", "one missing"])
 def test_damaged_part_is_told_and_not_taken(killed, reference, damage):
     part = sorted(find_parts(killed))[0]
     path = part / "doubles.parquet"

@@ -314,6 +314,8 @@ def test_any_reader_reads_values_and_units(tmp_path):
     FORCES.write(FEW, tmp_path / "forces.parquet")
     for read in (FORCES.read, pd.read_parquet):
         pd.testing.assert_frame_equal(read(tmp_path / "forces.parquet"), FEW)
+    TABLE.write(GOOD, tmp_path / "drawn.parquet")
+    pd.testing.assert_frame_equal(pd.read_parquet(tmp_path / "drawn.parquet"), GOOD)
     schema = pyarrow.parquet.read_schema(tmp_path / "forces.parquet")
     assert schema.field("force_n").metadata[b"unit"] == b"N"
     assert schema.metadata[b"title"] == b"A force"

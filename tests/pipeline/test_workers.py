@@ -7,7 +7,7 @@ import signal
 
 import pytest
 
-from pipeline.workers import spread
+from pipeline.workers import count_cores, spread
 from tests.faults import find_parts, ledger_of, tables_of, wait_until
 from tests.pipeline.conftest import CONFIG, Toy, children_of, end, success, the_only_line, wait_for_the_end_of
 
@@ -22,6 +22,7 @@ def split(tmp_path):
 def test_results_come_in_the_order_of_the_jobs(workers):
     assert list(spread(operator.neg, range(20), workers)) == list(range(0, -20, -1))
     assert list(spread(operator.neg, [], workers)) == []
+    assert 1 <= count_cores() <= (os.cpu_count() or 1)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
@@ -58,11 +59,11 @@ def test_workers_end_with_the_run_that_started_them(split, reference, number):
     assert len(workers) >= 2
     process.send_signal(number)
     result = end(process, 30)
-    wait_for_the_end_of(workers)
+    wait_for_the_end_of(workers, within_s=10)
     if number == signal.SIGKILL:
         assert result.returncode == -9
     else:
         assert the_only_line(result, 128 + number).startswith("doubling interrupted: ")
     assert len(find_parts(split)) < 6
-    assert f"resuming {split.runs[0]}" in success(split, "doubling.pause_s=0.3")
+    assert f"resuming {split.runs[0]}" in success(split, "doubling.pause_s=0.3", "workers=1")
     assert tables_of(split.runs[0]) == reference

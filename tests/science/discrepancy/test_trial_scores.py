@@ -35,6 +35,7 @@ def test_correlated_samples_count_as_bartlett_says(correlation):
     expected = TOY.measured.size * (1.0 - correlation**2) / (1.0 + correlation**2)
     found = [compare_by(TOY, draw(seed, correlation), ANY).effective for seed in range(8)]
     assert np.median(found) == pytest.approx(expected, rel=0.25)
+    assert correlation or found[1] == pytest.approx(TOY.measured.size, rel=0.25)
 
 
 def test_trials_that_differ_count_for_less():

@@ -105,6 +105,9 @@ def test_a_law_is_that_of_the_muscles_own_size_and_the_joints_end_alone_sees_cab
     assert bent - plain == pytest.approx([0.02 * full, 0.0, -0.02 * full])
     for form in ("capstan_friction", "coulomb_friction-cable", "stribeck_friction"):
         assert np.array_equal(*force(form, 300.0, 0.1, V, site="muscle_tip"))
+    nested = force("stribeck_friction", 300.0, 0.1, V, rise=0.0, **STRIBECK)[0]
+    coulomb = force("coulomb_friction-cable", 300.0, 0.1, V, share=0.02, sliding_per_s=0.0005)[0]
+    assert np.array_equal(nested, coulomb)
 
 
 FLAT, WARMING = np.full(400, 200.0), {"drift_kpa": 5.0, "tau_s": 300.0}
@@ -197,7 +200,7 @@ def fade(*taus):
 )
 def test_what_creeps_fades_exponentially_after_a_step(form, where, values, lost):
     bent, plain = force(form, **where, share=0.2, **values)
-    assert (plain - bent)[500:] == pytest.approx(lost(plain), rel=0.01, abs=1e-3)
+    assert (plain - bent)[500:] == pytest.approx(lost(plain), rel=0.01, abs=1e-3 * (form != "creep-force_relaxation"))
 
 
 def test_a_muscle_behind_a_play_stands_still_after_a_reversal():

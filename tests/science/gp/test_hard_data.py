@@ -8,9 +8,29 @@ from stages.science.gp.factor import RELATIVE_JITTERS, FactorisationError, facto
 from stages.science.gp.marginal import condition, fit
 from stages.science.gp.posterior import LogPosterior
 from stages.science.gp.sparse import SparsePosterior
+from stages.science.gp.sparse_model import SparseGP
 from tests.science.gp.data import assert_sound, make_data, make_prior
 
 THETA = np.array([0.1, 0.2, 0.0, 0.1, -2.0])
+
+
+def test_a_single_point_has_the_textbook_answer(generator):
+    x, y = np.array([[0.5, -0.5, 1.0]]), np.array([0.7])
+    signal, noise = np.exp(0.2), np.exp(-4.0)
+    exact, sparse = condition(x, y, THETA, make_prior()), SparseGP(SparsePosterior(x, y), x, THETA)
+    for model, of_mean, of_variance in ((exact, 1e-12, 1e-9), (sparse, 1e-8, 1e-6)):
+        mean, variance = model.predict(x)
+        assert mean[0] == pytest.approx(0.7 * signal / (signal + noise), rel=of_mean)
+        assert variance[0] == pytest.approx(signal * noise / (signal + noise), rel=of_variance)
+    assert_sound(fit(x, y, make_prior(), generator=generator), np.vstack([x, x + 1, x + 100]))
+
+
+def test_far_from_the_data_the_hyperprior_of_f_is_left(generator):
+    model = condition(*make_data(generator, 10), np.append(THETA, 0.4), make_prior(mean="constant"), "constant")
+    far = np.array([[1e3, 0, 0], [1e20, 0, 0], [1e50, -1e50, 1e50]])
+    np.testing.assert_allclose(model.predict(far), [[0.4] * 3, [np.exp(0.2)] * 3], rtol=1e-12)
+    slopes = [[[0, 0, 0, 0, 0, 1.0]] * 3, [[0, 0, 0, 2 * np.exp(0.2), 0, 0]] * 3]
+    np.testing.assert_allclose(model.sensitivities(far), slopes, rtol=1e-12, atol=1e-12)
 
 
 def test_duplicates_without_noise_are_parted_by_jitter_that_is_recorded(generator):

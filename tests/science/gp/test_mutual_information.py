@@ -107,6 +107,10 @@ def test_estimates_by_draws_agree_with_the_textbook_estimate(model, paths, estim
         found = Information.of(own)
         assert found.value == pytest.approx(expected, abs=4 * np.hypot(error, found.standard_error))
     assert found.standard_error < 0.1 * found.value
+    point, models = generator.uniform(-1.5, 1.5, (1, 3)), draw_models(model, 500, generator)
+    alone = Information.of(point_information(models, point)[:, 0])
+    path = Information.of(path_information(models, point[None], generator.standard_normal((40, 500, 1)))[:, 0])
+    assert path.value == pytest.approx(alone.value, abs=3 * path.standard_error)
 
 
 def test_log_det_of_one_point_is_its_information_through_the_mean(model, generator):

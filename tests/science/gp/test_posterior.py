@@ -57,7 +57,8 @@ def test_log_marginal_likelihood_and_gradient_are_those_of_scikit_learn(generato
 def test_data_that_make_no_sense_are_refused(inputs, outputs, told):
     with pytest.raises(ValueError, match=told):
         LogPosterior(inputs, outputs, make_prior())
-    for mean, wrong in (("constant", "hyperprior: expected 6 entries"), ("linear", "mean: expected one of zero, ")):
+    few = "hyperprior: expected 6 entries for 3 inputs and a constant mean, got 5"
+    for mean, wrong in (("constant", few), ("linear", "mean: expected one of zero, constant, got 'linear'")):
         with pytest.raises(ValueError, match=wrong):
             LogPosterior(np.zeros((2, 3)), np.zeros(2), make_prior(), mean)
 

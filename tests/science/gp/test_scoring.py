@@ -61,11 +61,11 @@ def test_the_memory_bound_changes_no_score_and_scoring_no_candidate(utility, mod
     np.testing.assert_array_equal(bank, before)
 
 
-@pytest.mark.parametrize("memory_mb", [0.5, 1.0, 2.0])
-def test_working_memory_stays_within_its_bound_where_it_would_not(memory_mb, generator):
+@pytest.mark.parametrize(("memory_mb", "samples"), [(0.5, 1000), (1.0, 1000), (2.0, 1000), (2.0, 8000)])
+def test_working_memory_stays_within_its_bound_where_it_would_not(memory_mb, samples, generator):
     theta = np.array([0.0, 0, 0, 0, -2])
     models = [condition(*make_data(generator, 60), theta, make_prior()) for _ in range(2)]
-    bank = [generator.standard_normal((5, 200, 3)) for _ in models]
+    bank = [generator.standard_normal((5, samples // 5, 3)) for _ in models]
 
     def peak_mb(bound_mb):
         tracemalloc.start()

@@ -97,6 +97,15 @@ def test_two_contractions_determine_four_directions(generator):
     assert model.residual_sd_n == pytest.approx(np.sqrt(baseline.mse_resid))
 
 
+def test_a_pressure_that_follows_contraction_determines_four_directions(generator):
+    contraction = generator.uniform(0, 0.25, 60)
+    pressure = 100 + 2000 * contraction
+    force = terms(pressure, contraction) @ PLANTED
+    model = LinearMuscleModel.fit(pressure, contraction, force)
+    assert (model.rank, model.repair != "") == (4, True)
+    np.testing.assert_allclose(model.predict(pressure, contraction), force, rtol=1e-9)
+
+
 @COMMON
 @given(
     st.integers(1, 12).flatmap(

@@ -102,6 +102,13 @@ def test_shifted_random_picks_are_distinct_samples_too(tables, replay):
         assert all((x == each).all(axis=1).any() for each in taken)
 
 
+def test_a_shift_changes_what_is_learned_and_repeats_itself(replay):
+    first, second, without = run(replay, 0.3), run(replay, 0.3), run(replay)
+    np.testing.assert_array_equal(first[-1].thetas, second[-1].thetas)
+    np.testing.assert_array_equal(first[0].thetas, without[0].thetas)
+    assert not np.array_equal(first[-1].outputs[0], without[-1].outputs[0])
+
+
 def test_shifts_are_uniform_and_rounded_to_samples(generator):
     rows = np.array([displace(50, [], 101, 0.1, 0.02, generator) for _ in range(4000)])
     shares = np.array([0.5, *[1.0] * 9, 0.5]) / 10

@@ -4,6 +4,7 @@ import queue
 import re
 import shlex
 import signal
+import subprocess
 import threading
 from unittest.mock import patch
 
@@ -139,6 +140,25 @@ def test_a_study_that_is_stopped_and_continued_is_the_same_study(decided, tmp_pa
         assert (run / "tables" / path.name).read_bytes() == path.read_bytes(), path.name
 
 
+@pytest.mark.slow
+def test_ctrl_c_ends_a_process_that_waits_for_its_own_terminal(tmp_path):
+    command = Command(tmp_path / "outputs", *SMALL)
+    pipes, asked = dict.fromkeys(("stdin", "stdout", "stderr"), subprocess.PIPE), 0
+    environment = {**command.environment, "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(command.line(), cwd=command.root, env=environment, text=True, **pipes) as process:
+        watchdog = threading.Timer(LONGEST_S, process.kill)
+        watchdog.start()
+        for line in process.stdout:
+            asked += "= accept" in line or "= repeat" in line
+            if "= accept" in line and asked == 3:
+                process.send_signal(signal.SIGINT)
+            elif "= accept" in line or "= repeat" in line:
+                print("a" if "= accept" in line else "k", file=process.stdin, flush=True)
+        errors = process.stderr.read()
+        watchdog.cancel()
+    assert (process.returncode, asked, "stopped by Ctrl-C; to continue, type: " in errors) == (130, 3, True)
+
+
 def test_movements_that_are_all_skipped_are_proposed_again_and_enough_are_kept(decided, tmp_path):
     command = decided.copy(tmp_path / "outputs")
     operator = Operator({FIRST: [*["s"] * 4, "a", "x no", "a", "x no", "a", "k"]})
@@ -182,12 +202,15 @@ def test_a_pointer_needs_a_page_before_anything_is_recorded(pamid, interface):
     assert not list(pamid.outputs.glob("runs/*/parts/*/*"))
 
 
-def test_where_nothing_asks_an_operator_an_interface_is_refused(pamid):
+def test_where_nothing_asks_an_operator_an_interface_is_refused_and_so_is_an_impossible_one(pamid):
     result = pamid("workflow=hidden_effect", "operator_ui=terminal")
     assert result.returncode == 2
     (line,) = result.stderr.splitlines()
     told = "operator_ui: expected null, as workflow hidden_effect has no device that can be connected to it"
     assert line.startswith(told)
+    result = pamid("operator_ui=pages", "operator_ui.port=70000")
+    assert (result.returncode, result.stderr.count("\n")) == (2, 1)
+    assert result.stderr.startswith("operator_ui.port: input should be less than or equal to 65535, got 70000")
     assert not pamid.outputs.exists()
 
 

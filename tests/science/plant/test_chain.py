@@ -73,6 +73,12 @@ def test_tension_never_turns_into_push():
     assert force.min() == tension.min() == 0.0
 
 
+def test_the_rich_plant_has_effects_at_every_site_of_the_chain_and_the_nominal_one_none():
+    here = {"hysteresis", "capstan_friction", "valve_asymmetry", "threshold_pressure", "coulomb_friction", "creep"}
+    assert {each.name for each in configured("rich").plant.effects} >= here
+    assert configured("nominal").plant.effects == []
+
+
 @pytest.mark.parametrize(("rise", "fall"), [(0.04, 0.04), (0.03, 0.06), (0.0, 0.0)])
 def test_a_held_command_is_answered_by_exponentials(generator, rise, fall):
     levels = generator.uniform(50, 500, 12)

@@ -12,7 +12,8 @@ def test_the_pace_minds_neither_drift_nor_size_but_where_the_power_lies():
     time = np.arange(4000) * STEP_S
     slow, quick = np.sin(2 * np.pi * 0.5 * time), np.sin(2 * np.pi * 4.0 * time)
     pace = find_pace([slow + 0.3 * quick], STEP_S)
-    assert find_pace([5.0 + slow], STEP_S) == pytest.approx(1 / (2 * np.pi * 0.5), rel=0.1)
+    for omega in 2 * np.pi * np.array([0.5, 2.0, 9.0]):
+        assert find_pace([5.0 + np.sin(omega * time[:2000])], STEP_S) == pytest.approx(1 / omega, rel=0.1)
     assert find_pace([40.0 * (slow + 0.3 * quick) + 3.0 * time - 7.0], STEP_S) == pytest.approx(pace, rel=0.05)
     assert find_pace([slow + 3.0 * quick], STEP_S) == pytest.approx(1 / (2 * np.pi * 4.0), rel=0.1)
     assert find_pace([slow, slow, quick], STEP_S) == pytest.approx(pace, rel=0.1)

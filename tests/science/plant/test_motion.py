@@ -18,12 +18,21 @@ def terms_of(*placed):
     return collect(MotionTerms, SITE, placed)
 
 
-def answer(signal, terms=MotionTerms(), substeps=SUBSTEPS):  # noqa: B008
+def answer(signal, terms=MotionTerms(), substeps=SUBSTEPS, between="linear"):  # noqa: B008
     """A spring of 60 Hz that answers an input of 1 with 2, from rest."""
-    fine = refine(np.asarray(signal, dtype=float)[:, None], substeps, "linear")
+    fine = refine(np.asarray(signal, dtype=float)[:, None], substeps, between)
     drive, damping, late = GAIN / SCALE * fine.T, np.array([2 * DAMPING]), np.zeros(1)
     motion = integrate(drive, np.ones((1, 1)), np.zeros((2, 1)), damping, [terms], OMEGA * STEP, substeps, late)
     return SCALE * motion[:, 0]
+
+
+@pytest.mark.parametrize("ratio", [0.5, 1.0, 1.5])
+def test_the_steady_response_to_a_sine_has_its_closed_form(ratio):
+    instants = np.arange(1500) * STEP
+    moved = answer(0.01 * np.sin(ratio * OMEGA * instants), between="band_limited")[-500:]
+    transfer = 2.0 / (1 - ratio**2 + 2j * 0.05 * ratio)
+    truth = 0.01 * np.imag(transfer * np.exp(1j * ratio * OMEGA * instants))[-500:]
+    assert moved[:450] == pytest.approx(truth[:450], abs=2e-3 * abs(transfer) * 0.01)
 
 
 def test_between_samples_an_input_is_held_straight_or_smooth():

@@ -95,6 +95,33 @@ def test_a_constant_force_draws_a_parabola_from_a_place_and_rate_that_may_be_shi
     np.testing.assert_allclose(found, 0.12 - 0.35 * time, atol=1e-12)
 
 
+@pytest.mark.parametrize("hertz", [0.5, 2.0])
+def test_a_sine_of_force_is_a_sine_of_motion(hertz):
+    wave = np.sin(2 * np.pi * hertz * np.arange(300) * STEP_S)
+    begun = begin_surely(0.0, -0.75 / (2 * np.pi * hertz))
+    found = move(3.0 * wave, force_offset=0.0, begun=begun, between="averaged")
+    np.testing.assert_allclose(found, -0.75 / (2 * np.pi * hertz) ** 2 * wave, atol=2e-5)
+
+
+RUBBING = {
+    "viscous_friction-quadratic_drag": ({"share": 0.4}, lambda v: 0.4 * v * abs(v) / 0.3),
+    "coulomb_friction-slider": ({"share": 0.2, "sliding": 0.3}, lambda v: 0.24 * np.tanh(v * 0.5 / 0.09)),
+}
+
+
+@pytest.mark.parametrize("form", RUBBING)
+def test_friction_of_a_drive_agrees_with_an_adaptive_solver(form, generator):
+    time, begun, (values, slowed) = np.arange(300) * STEP_S, begin_surely(0.0, 0.0), RUBBING[form]
+    force = np.cumsum(generator.standard_normal(300)) / 3.0
+
+    def rates(now, state):
+        return [state[1], (np.interp(now, time, force) + 0.5) / 4.0 - slowed(state[1])]
+
+    found = move(force, [(*form.split("-"), values)], begun=begun)
+    assert np.abs(found - move(force, begun=begun)).max() > 0.05
+    np.testing.assert_allclose(found, solve(rates, [0.0, 0.0], time)[0], atol=2e-4 * np.ptp(found))
+
+
 @pytest.mark.parametrize("share", [0.4, -0.7, 1.0])
 def test_a_force_recorded_early_or_late_acts_in_time(share):
     def push(now):

@@ -41,8 +41,13 @@ def test_without_rubber_and_taper_the_law_is_virtual_work_on_the_braid():
 
 
 @pytest.mark.parametrize("name", ["pam1", "pam2"])
-def test_a_muscle_is_damped_and_slack(name):
+def test_force_is_linear_in_pressure_quadratic_in_contraction_damped_and_slack(name):
     muscle = constants(1, name)
+    at_pressure = [tension(p, 0.1, 0.0, muscle) for p in (200, 300, 400, 500)]
+    assert np.diff(at_pressure, 2) == pytest.approx(0.0, abs=1e-9)
+    at_contraction = [tension(400, c, 0.0, muscle) for c in (0.02, 0.06, 0.10, 0.14, 0.18)]
+    assert np.diff(at_contraction, 3) == pytest.approx(0.0, abs=1e-9)
+    assert (np.diff(at_contraction) < 0).all()
     lost = tension(400, 0.1, 0.0, muscle) - tension(400, 0.1, 0.2, muscle)
     assert lost == pytest.approx(0.2 * muscle.damping_n_s[0])
     assert tension(10.0, 0.24, 0.0, muscle) == 0.0

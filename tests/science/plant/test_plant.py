@@ -14,9 +14,13 @@ FRICTION = {"name": "coulomb_friction", "torque_nm": 1.0, "sliding_rad_per_s": 0
 
 
 @pytest.mark.parametrize("path", FILES, ids=lambda path: f"{path.parent.name}/{path.stem}")
-def test_every_number_has_its_unit_and_source(path):
-    values = [line for line in path.read_text().splitlines() if re.match(r"\s*(- )?\w+: -?\d", line)]
-    assert [line for line in values if not re.search(r"# .+ \(.+\); .+", line)] == []
+def test_every_value_has_a_comment_and_every_number_its_unit_and_source(path):
+    lines = path.read_text().splitlines()
+    assert lines[0].startswith("#")
+    values = [line for line in lines if re.match(r"\s*(- )?\w+: \S", line)]
+    assert [line for line in values if "#" not in line and "_target_" not in line] == []
+    numbers = [line for line in values if re.search(r": -?\d", line.split("#")[0])]
+    assert [line for line in numbers if not re.search(r"# .+ \(.+\); .+", line)] == []
 
 
 @pytest.mark.parametrize(

@@ -134,7 +134,11 @@ def test_tidy_is_long_muscle_by_muscle_with_the_muscles_joint(generator):
         assert rows["joint_angle_rad"].to_numpy() == pytest.approx(recording.joint_angle_rad[:, [0, 0, 1][column]])
 
 
-def test_the_columns_check_types_and_ranges(generator):
+def test_the_columns_are_described_end_with_their_units_and_check_types_and_ranges(generator):
+    for name, column in RECORDING_COLUMNS.items():
+        assert column.description
+        unit = column.metadata["unit"].lower().replace("/", "_per_").replace("1_per_", "per_")
+        assert unit == "1" or name.endswith(unit)
     with Bench() as bench:
         frame = pd.DataFrame(tidy(bench.execute(trial(), generator), bench))
     schema = pa.DataFrameSchema(RECORDING_COLUMNS, strict=True, ordered=True)

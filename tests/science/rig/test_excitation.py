@@ -129,7 +129,7 @@ def test_machines_with_other_muscles_are_served(machine):
 
 def test_free_movements_span_the_share_of_each_joints_range_about_its_middle(generator):
     machine = configured().exoskeleton
-    times = {"shortest_move_s": 0.1, "longest_move_s": 0.2, "shortest_rest_s": 0.1, "longest_rest_s": 0.1}  # one rest
+    times = {"shortest_move_s": 0.2, "longest_move_s": 0.2, "shortest_rest_s": 0.1, "longest_rest_s": 0.1}
     movement = Movement(**times, range_share=0.5)
     angle = np.concatenate([move_freely(movement, machine, 2000, generator) for _ in range(4)])
     for column, joint in enumerate(machine.joints):

@@ -48,6 +48,14 @@ def test_agrees_with_the_enumeration_of_all_outcomes(again, generator):
         assert (every <= end + 1e-9).mean() >= share - 0.005
 
 
+def test_experiments_that_choose_alike_have_the_smallest_p(generator):
+    excluded = [generator.choice(30, 2, replace=False) for _ in range(12)]
+    liked = [generator.choice(np.setdiff1d(np.arange(8), each), 5, replace=False) for each in excluded]
+    experiments = [choices(*each, options=30) for each in zip(liked, excluded, strict=True)]
+    alike = judge_concentration(experiments, 30, 400, generator)
+    assert (alike.p, alike.dispersion > alike.high) == (1 / 401, True)
+
+
 def test_one_experiment_is_as_concentrated_as_any(generator):
     told = judge_concentration([choices([1, 3], (0,))], OPTIONS, 100, generator)
     assert told.p == 1.0
