@@ -81,7 +81,8 @@ def test_changes_lie_beside_the_tables_and_can_be_had_again(copied, tmp_path):
     (copied.place / "picture.png").write_bytes(bytes(range(256)))
     copied.git("add", "picture.png")
     (copied.place / "new folder").mkdir()
-    (copied.place / "new folder" / "note\n.txt").touch()
+    for name in ("note\n.txt", "other.txt"):
+        (copied.place / "new folder" / name).touch()
     copied.git("config", "diff.noprefix", "true")
     copied.git("config", "diff.external", "false")
     assert copied().returncode == 0
@@ -94,9 +95,9 @@ def test_changes_lie_beside_the_tables_and_can_be_had_again(copied, tmp_path):
         "sha256": hashlib.sha256(patch.read_bytes()).hexdigest(),
         "bytes": patch.stat().st_size,
         "complete": True,
-        "untracked": 1,
+        "untracked": 2,
     }
-    assert "Untracked: 'new folder/note\\n.txt'" in patch.read_text()
+    assert "Untracked: 'new folder/note\\n.txt'\nUntracked: new folder/other.txt\n" in patch.read_text()
     again = tmp_path / "again"
     copied.git("clone", "-q", copied.place, again)
     copied.git("-C", again, "checkout", "-q", git["commit"])
