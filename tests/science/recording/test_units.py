@@ -38,6 +38,14 @@ def test_conversions_are_those_of_physics(name, unit, value, expected):
     assert known_units(name)[own_unit(name)] == 1.0
 
 
+@pytest.mark.parametrize("kind", KINDS)
+def test_a_prefix_is_what_it_says(kind):
+    prefixes = {"k": constants.kilo, "c": constants.centi, "m": constants.milli, "u": constants.micro}
+    first, *others = KINDS[kind]
+    for unit in [each for each in others if each[1:] == first]:
+        assert KINDS[kind][unit] == pytest.approx(prefixes[unit[0]], rel=1e-12), unit
+
+
 def test_the_comments_beside_the_keys_and_the_documentation_list_every_unit():
     section = (ROOT / "conf/measurement/muscles.yaml").read_text().split("units:")[1].split("measurement:")[0]
     lines = [line.partition(": null") for line in section.splitlines()[1:] if line.strip()]

@@ -173,6 +173,7 @@ def test_what_the_watchdog_vented_while_we_slept_is_not_filled_again(rig, emulat
         execute(rig, wave(rig))
     state = emulator.state()
     assert any(any(values) for values in written[: slept[0]])
+    assert written[slept[0] :]  # it is told to vent all the same
     assert not any(any(values) for values in written[slept[0] :])
     assert state["watchdog_count"] == 1
     assert max(max(outputs) for at_s, outputs in state["log"] if at_s >= state["watchdog_fired_at_s"]) == 0.0
