@@ -1,6 +1,7 @@
 """What a turn measures outlives the turn that does not land."""
 
 import multiprocessing
+import os
 import time
 
 import numpy as np
@@ -40,6 +41,14 @@ def test_a_turn_that_lands_or_measured_nothing_leaves_no_journal(tmp_path):
     with pytest.raises(ZeroDivisionError):
         record.part((2,), lambda: 1 / 0)
     assert not (tmp_path / "run" / "interrupted").exists()
+
+
+def test_the_journal_goes_when_the_part_is_on_disk(tmp_path, monkeypatch):
+    record, synced, sync = make_record(tmp_path), [], os.fsync
+    monkeypatch.setattr(os, "fsync", lambda handle: (synced.append(os.fstat(handle).st_ino), sync(handle)))
+    monkeypatch.setattr(Journal, "discard", lambda _: synced.append("gone"))
+    record.part((1,), lambda: record.watch((1,))(rows(0)) or made())
+    assert synced.index("gone") > synced.index(record.folder.stat().st_ino)
 
 
 @pytest.mark.parametrize("error", [ValueError("pam1 at 900 kPa\nmore"), KeyboardInterrupt("Ctrl-C")])

@@ -334,6 +334,7 @@ MALFORMED = [
     ("participant", '{"kind": "other"}'),
     ("participant", '{"kind": "clock"}'),
     ("participant", '{"kind": "clock", "page_s": NaN}'),
+    ("participant", '{"kind": "clock", "page_s": 1.5e12}'),
     ("participant", '{"kind": "clock", "page_s": 1' + "0" * 400 + "}"),
     ("participant", '{"kind": "drawn", "frames": 3, "starts_at_s": 0}'),
     ("participant", '{"kind": "drawn", "frames": [[1, 2]], "starts_at_s": 0}'),
@@ -354,8 +355,9 @@ def test_a_malformed_message_closes_its_page_alone(shown, role, text):
     shown = shown()
     bad, good = shown.open(role, "participant")
     shown.run(bad.socket.send_bytes(text) if isinstance(text, bytes) else bad.socket.send_str(text))
+    until_s = time.monotonic() + LONGEST_S
     while (end := shown.run(bad.socket.receive(timeout=LONGEST_S))).type is aiohttp.WSMsgType.TEXT:
-        pass
+        assert time.monotonic() < until_s
     wait_until(lambda: shown.session.see()["pages"] == {"participant": 1, "operator": 0})
     good.settle()
     is_long = len(text) > pages.MOST_BYTES

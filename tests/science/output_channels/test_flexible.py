@@ -42,6 +42,20 @@ def test_features_explain_what_is_smooth_trees_what_happens_at_one_place_and_nei
     assert measure(explain_by_trees(output, nominal.residual), output) > 0.98 * NOISE
 
 
+def follow_late(x, width=0.1):
+    """Return what follows x at a distance of its play, on either side."""
+    y = x.copy()
+    for k in range(1, len(x)):
+        y[k] = np.clip(y[k - 1], x[k] - width, x[k] + width)
+    return y
+
+
+@pytest.mark.parametrize("hidden", [follow_late, lambda x: np.maximum(x - 1.0, 0.0)])
+def test_features_have_the_play_and_the_kinks_of_a_state(hidden):
+    output, nominal = fit_line(2, (hidden, 5.0), beside=())
+    assert measure(explain_by_features(nominal, build_features(output), None), output) < 1.1 * NOISE
+
+
 def test_trials_that_are_not_learnt_teach_nothing_and_those_without_samples_are_passed_over():
     output, nominal = fit_line(1, WAVE)
     learnt = np.arange(8) < 6
