@@ -37,6 +37,7 @@ def test_run_leaves_tables_figures_ledger_and_report(toy, reference):
     page = (run / "report.html").read_text()
     assert "data:image/png;base64," in page
     assert "Each number&#39;s double." in page
+    assert not ledger["git"] or ledger["git"]["commit"][:10] in page
     assert "://" not in page
     assert "The sum of all" in result
     assert str(run / "report.html") in result

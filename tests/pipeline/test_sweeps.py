@@ -282,6 +282,7 @@ def test_two_processes_share_a_sweep_and_what_the_other_begins_is_no_failure(swe
         (("sweep=latest", "seed=0,1"), "sweep: expected a name"),
         (("sweep=null", "seed=0,1"), "sweep: expected a name"),
         (("+experiment=quick,paper",), "experiment: an option is chosen already"),
+        (("counting=few,nothing",), "nothing"),
         (("hydra.launcher.n_jobs=x",), "hydra.launcher.n_jobs=x: "),
         (("counting.label=a b,c=d",), "needs quotes"),
         (("--cfg", "job", "seed=0,1"), "Only one of"),

@@ -6,6 +6,7 @@ import shlex
 import signal
 import subprocess
 import threading
+from types import SimpleNamespace
 from unittest.mock import patch
 
 import pandas as pd
@@ -173,6 +174,15 @@ def test_movements_that_are_all_skipped_are_proposed_again_and_enough_are_kept(d
     offers = [line for line in operator.printed if "= repeat" in line]
     assert ["= reject" in line for line in offers[-4:]] == [True, True, False, False]
     assert len(read(run, "trials")) == 2
+
+
+def test_a_terminal_tells_what_is_so_when_it_opens():
+    operator = Operator()
+    scene = {"number": 1, "phase": "running", "question": "", "stop": "", "choices": []}
+    terminal = Terminal(SimpleNamespace(number=1, see=lambda: scene), operator, operator)
+    terminal.open()
+    wait_until(lambda: operator.printed == ["running; Enter stops it"])
+    terminal.close()
 
 
 def test_a_trial_in_real_time_is_the_same_and_can_be_stopped(turned, tmp_path):
