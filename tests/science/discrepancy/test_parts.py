@@ -84,11 +84,11 @@ def make_blocks(count=4, samples=50, record="a"):
 
 
 def test_a_gap_stands_between_a_fitted_block_and_the_opened_one_beside_it():
-    trials = pd.concat([make_blocks(), make_blocks(record="b"), make_blocks(2, record="")], ignore_index=True)
+    trials = pd.concat([make_blocks(2, record=""), make_blocks(), make_blocks(record="b")], ignore_index=True)
     f, v, o = "fitted", "verification", "other"
-    gaps = leave_gaps(trials, [f, v, f, f, v, v, o, f, f, v], 0.05)
-    assert gaps["left_after"].tolist() == [3, 0, 0, 0, 0, 0, 0, 0, 0, 0]
-    assert gaps["left_before"].tolist() == [0, 0, 3, 0, 0, 0, 0, 0, 0, 0]
+    gaps = leave_gaps(trials, [f, v, f, v, f, f, v, o, f, v], 0.05)
+    assert gaps["left_after"].tolist() == [0, 0, 3, 0, 0, 0, 0, 0, 3, 0]
+    assert gaps["left_before"].tolist() == [0, 0, 0, 0, 3, 0, 0, 0, 0, 0]
 
 
 @pytest.mark.parametrize("machine", ["second_order", "static_map"])
