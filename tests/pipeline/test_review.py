@@ -252,3 +252,17 @@ def test_a_copy_of_a_run_counts_once_and_runs_of_another_version_are_compared_as
     change(one, **{key: None for key in ("git", "machine", "metrics", "seconds") if key in ledger_of(one)})
     told = shown(copied, "compare", one.name, two.name)
     assert "cannot be read" in told or "tried" in told
+
+
+@pytest.mark.parametrize(
+    ("frames", "told"),
+    [
+        (({"told": ["a", "b"]}, {"told": ["b", "c"]}), "c - yes"),
+        (({"x": [0.5, 0.5]}, {"x": [1.5, 1.5]}), "no columns name a row, so that rows cannot be compared"),
+        (({"n": [1, 2], "x": [0.5, 1.0]}, {"n": [3, 4], "x": [0.5, 1.0]}), "no row is in all runs; 4 rows are in some"),
+    ],
+)
+def test_tables_of_sentences_and_without_common_rows_are_compared_too(copied, frames, told):
+    for run, values in zip(copied.runs, frames, strict=True):
+        pd.DataFrame(values).to_parquet(run / "tables" / "tried.parquet")
+    assert told in " ".join(shown(copied, "compare", *(run.name for run in copied.runs)).split())
