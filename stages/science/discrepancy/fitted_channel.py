@@ -51,6 +51,12 @@ class Fitted:
         """Root mean square of the residual of all trials, none left out, in the channel's unit."""
         return float(np.sqrt((self.fit.residual**2).sum() / max(self.fit.model.output.present.sum(), 1)))
 
+    @property
+    def blocks(self) -> Blocks:
+        """The family beside which it was fitted, with its priors; that of a fit beside none has no columns."""
+        family = self.fit.model.family
+        return (np.empty((*self.residual.shape, 0)), []) if family is None else (family.columns, [[family.sd]])
+
     def estimate_noise(self) -> Noise:
         """Return the noise that the residual most likely is."""
         output = self.fit.model.output
@@ -158,6 +164,15 @@ def refit(fitted: Fitted, noise: Noise | TrialNoise, blocks: Blocks | None = Non
         family = choose_family(fitted.fit, noise, *blocks)
         model, start = replace(model, family=family), np.append(start, np.zeros(len(family.sd)))
     return assess(fit(model, noise, start, iterations=AGAIN), noise)
+
+
+def take_newest_out(fitted: Fitted, noise: Noise | TrialNoise) -> Fitted:
+    """Return a model beside a family without its newest effect, from where it was with it."""
+    model = fitted.fit.model
+    *others, newest = model.forms
+    last = len(model.parameters)
+    start = np.delete(fitted.fit.values, np.s_[last - len(newest.parameters) : last])
+    return assess(fit(replace(model, forms=tuple(others)), noise, start, iterations=AGAIN), noise)
 
 
 def refit_coloured(plain: Fitted) -> Fitted:

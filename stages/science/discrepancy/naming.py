@@ -3,13 +3,20 @@
 Outputs at their present fits and what each effect promises there flow in; probabilities, gaps and a name flow out.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
 
 from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP, Beside, Verdicts, weigh_names
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_plain, refit, refit_coloured
+from stages.science.discrepancy.fitted_channel import (
+    Fitted,
+    FittedChannel,
+    fit_plain,
+    refit,
+    refit_coloured,
+    take_newest_out,
+)
 from stages.science.discrepancy.screening import Screened
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
@@ -246,12 +253,38 @@ def _score_output(
     beside, left = dict(alone), dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
     if gap:
         beside = {key: refit(each, judge_by(each), state.map_beside(each)) for key, each in alone.items()}
+        beside = _share_maps(alone, beside, output, judge_by)
         nothing = alone[NONE, ""]
         alone[MEMORY, ""] = refit(nothing, judge_by(nothing), state.memory)
-        beside[MEMORY, ""] = refit(nothing, judge_by(nothing), join(state.static_map, state.memory))
+        beside[MEMORY, ""] = refit(nothing, judge_by(nothing), join(beside[NONE, ""].blocks, state.memory))
         left |= {STATIC_MAP: beside[NONE, ""].raw, MEMORY: alone[MEMORY, ""].raw}
     scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
     return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)], left
+
+
+def _share_maps(
+    alone: Mapping[tuple[str, str], Fitted],
+    beside: Mapping[tuple[str, str], Fitted],
+    output: OutputChannel,
+    judge_by: Callable[[Fitted], Noise | TrialNoise],
+) -> Choice:
+    """Return the better fits beside the static map that serves nothing best: no map owes its success to a name.
+
+    A map's priors and a fit's constants have local optima. Those of a name are tried without it, and the best map found
+    without any name is then tried beside each.
+    """
+
+    def measure(each: Fitted) -> float:
+        return float((split_residual(each.residual, output)[0] ** 2).sum())
+
+    nothing = NONE, ""
+    least = measure(beside[nothing])
+    better = [each for key, each in beside.items() if key != nothing and each.fit.model.output is output]
+    tried = [take_newest_out(each, judge_by(each)) for each in better if measure(each) < least]
+    best = min([beside[nothing], *tried], key=measure)
+    shared = [key for key in beside if key != nothing and beside[key].fit.model.output is output]
+    again = {key: refit(alone[key], judge_by(alone[key]), best.blocks) for key in shared}
+    return {**beside, nothing: best, **{key: min(again[key], beside[key], key=measure) for key in shared}}
 
 
 def _shortlist(
