@@ -54,9 +54,10 @@ def weigh_names(
 
     A name is carried by outputs of one channel, a static map by all of a channel; `channels` has that of each output.
     The prior probability of a name is shared evenly by the numbers of outputs that may carry it, by the sets of that
-    number, and by the forms; that of a static map is of each channel. Log ratios of two likelihoods, nats, are scaled
-    down, all alike, to `most_evidence` at most. A name is `worth` it, given its form in every output and the
-    probability of each output, if it would close a gap that matters; else it has none, however sure its small gain is.
+    number, and by the forms, of which all that carry it have one; that of a static map is of each channel. Log ratios
+    of two likelihoods, nats, are scaled down, all alike, to `most_evidence` at most. A name is `worth` it, given its
+    form in every output and the probability of each output, if it would close a gap that matters; else it has none,
+    however sure its small gain is.
 
     Notes
     -----
@@ -92,12 +93,11 @@ def _find_largest(alone: Beside, beside: Beside) -> float:
     """Return the largest log ratio of any explanation's likelihood to that of nothing."""
     gains = [np.maximum(beside.none - alone.none, 0.0).sum()]
     for scores in (alone, beside):
-        best: dict[str, Array] = {}
-        for (name, _), by_output in scores.forms.items():
-            gain = best.setdefault(name, np.maximum(scores.none - alone.none, 0.0))
+        for by_output in scores.forms.values():
+            gain = np.maximum(scores.none - alone.none, 0.0)
             for place, score in by_output.items():
                 gain[place] = max(gain[place], score - alone.none[place])
-        gains += [each.sum() for each in best.values()]
+            gains.append(gain.sum())
     return float(max(gains))
 
 
@@ -110,29 +110,30 @@ def _weigh_name(
     log_map: Mapping[str, float],
     log_law: Mapping[str, float],
 ) -> tuple[float, list[str], Array]:
-    """Return the log weight of a name over that of nothing, its form in each output, and which outputs carry it."""
-    best = [""] * len(channels)
-    gains = np.full(len(channels), -np.inf)
-    for place in range(len(channels)):
-        there = {
-            form: power * (by_output[place] - scores.none[place])
-            for (each, form), by_output in scores.forms.items()
-            if each == name and place in by_output
-        }
-        if there:
-            best[place] = max(there, key=there.__getitem__)
-            gains[place] = np.logaddexp.reduce(list(there.values())) - np.log(len(there))
-    carries, at = np.zeros(len(channels)), np.array(channels)
-    weights = {}
+    """Return the log weight of a name over that of nothing, its form in each output, and which outputs carry it.
+
+    One cause has one form in all outputs that carry it.
+    """
+    best, carries = [""] * len(channels), np.zeros(len(channels))
+    weights, shares = {}, {}
     for channel in dict.fromkeys(channels):
-        own = np.flatnonzero((at == channel) & np.isfinite(gains))
-        if len(own):
-            total, carries[own] = _weigh_sets(gains[own])
+        found: dict[str, tuple[float, list[int], Array]] = {}
+        for form, by_output in [(form, its) for (each, form), its in scores.forms.items() if each == name]:
+            own = [place for place in by_output if channels[place] == channel]
+            if own:
+                total, each_carries = _weigh_sets(power * np.array([by_output[k] - scores.none[k] for k in own]))
+                found[form] = total, own, each_carries
+        if found:
+            form = max(found, key=lambda each: found[each][0])
+            total = float(np.logaddexp.reduce([each for each, _, _ in found.values()]) - np.log(len(found)))
             weights[channel] = total + log_prior + log_map.get(channel, 0.0) - log_law[channel]
+            shares[channel] = found[form][1:]
+            for place in found[form][1]:
+                best[place] = form
     if not weights:
         return -np.inf, best, carries
-    likely = max(weights, key=weights.__getitem__)
-    carries[at != likely] = 0.0
+    own, each_carries = shares[max(weights, key=weights.__getitem__)]
+    carries[own] = each_carries
     return float(np.logaddexp.reduce(list(weights.values())) - np.log(len(weights))), best, carries
 
 

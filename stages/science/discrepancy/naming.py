@@ -108,7 +108,7 @@ def rank(
     alone, beside, families = _score_all(outputs, candidates, choices, settings)
     channels = [state.output.channel for state in outputs]
     verdicts = weigh_names(alone, beside, channels, priors, settings.most_evidence, worth)
-    forms = {name: _choose_forms(name, probable, choices) for name, probable in verdicts.forms.items()}
+    forms = {name: _choose_forms(name, probable, outputs, choices) for name, probable in verdicts.forms.items()}
     verdicts = replace(verdicts, forms=forms)
     verdicts = _believe_exact(outputs, choices, verdicts, settings)
     raws = {}
@@ -136,13 +136,17 @@ def rank(
     return Round(verdicts, confounded, gaps, heldout, sites, named), choices
 
 
-def _choose_forms(name: str, probable: Sequence[str], choices: Sequence[Choice]) -> list[str]:
-    """Return the form of a name with the smallest residual in each output, of those fitted; else the most probable."""
-    chosen = []
-    for form, fitted in zip(probable, choices, strict=True):
-        own = {form: float(each.raw.sum()) for (known, form), each in fitted.items() if known == name}
-        chosen.append(min(own, key=own.__getitem__, default=form))
-    return chosen
+def _choose_forms(
+    name: str, probable: Sequence[str], outputs: Sequence[FittedChannel], choices: Sequence[Choice]
+) -> list[str]:
+    """Return the form of a name with the smallest gap in its channel, of those fitted; else the most probable."""
+    squares: dict[str, dict[str, float]] = {}
+    for state, fitted in zip(outputs, choices, strict=True):
+        own = squares.setdefault(state.output.channel, {})
+        for form in [form for known, form in fitted if known == name]:
+            own[form] = own.get(form, 0.0) + state.ratio(fitted[name, form].raw) ** 2
+    channels = [squares[state.output.channel] for state in outputs]
+    return [min(own, key=own.__getitem__, default=form) for own, form in zip(channels, probable, strict=True)]
 
 
 def _believe_exact(
