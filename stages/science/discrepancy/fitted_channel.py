@@ -189,7 +189,8 @@ def assess(found: Fit, noise: Noise | TrialNoise) -> Fitted:
     far = np.flatnonzero((squares > FAR * inside) & (squares > LARGE * squares.sum()))
     for trial in far if output.trials > 2 else ():
         others = [k for k in range(output.trials) if k != trial]
-        without, alone = fit(found.model.take(others), noise, found.values), found.model.take([int(trial)])
+        their = noise.take(others) if isinstance(noise, TrialNoise) else noise
+        without, alone = fit(found.model.take(others), their, found.values), found.model.take([int(trial)])
         left = alone.output.measured - alone.simulate(without.values)
         residual[:, trial] = np.where(alone.output.present, left, 0.0)[:, 0]
     return Fitted(found, residual, (residual**2).sum(axis=0))

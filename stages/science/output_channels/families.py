@@ -119,7 +119,7 @@ def choose_family(fit: Fit, noise: Noise | TrialNoise, columns: Array, tried: Se
     together = np.concatenate([fit.slopes[:, :, free], columns, fit.residual[:, :, None]], axis=2)
     whole, shape = (
         collect_grams(each[:, :, :-1], each[:, :, -1], output.present)
-        for each in (weigh(together, output, noise), split_signals(together, output)[0])
+        for each in (weigh(together, output, noise), split_signals(together, output.measured - fit.residual, output)[0])
     )
     mean, prior_sd = fit.model.prior
     pull = np.append(((mean - fit.values) / prior_sd**2)[free], np.zeros(columns.shape[2]))

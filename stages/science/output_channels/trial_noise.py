@@ -3,7 +3,10 @@
 Signals of trials flow in; their parts, and the signals over the standard deviations of these parts, flow out.
 """
 
-from dataclasses import dataclass
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
 
 import numpy as np
 
@@ -24,11 +27,17 @@ class TrialNoise:
     """As if samples were independent: larger than the shape's own where they are not."""
     offset: float
     gain: float
-    """Of the part along the measured signal, as a root mean square."""
+    """Of the part along the simulated signal, as a root mean square."""
+    simulated: Array
+    """The signal, (T, K), that a trial's gain multiplies: without the measured one's noise, which a gain would hide."""
+
+    def take(self, trials: Sequence[int]) -> TrialNoise:
+        """Return the noise of some of the trials, by position."""
+        return replace(self, simulated=self.simulated[:, list(trials)])
 
     def whiten(self, signals: Array, output: OutputChannel) -> Array:
         """Return signals, (T, K, Q), whose sum of squares is that of their parts, each over its variance."""
-        shape, offset, along = split_signals(signals, output)
+        shape, offset, along = split_signals(signals, self.simulated, output)
         count = np.maximum(output.present.sum(axis=0), 1)[:, None]
         scale = [np.sqrt(self.shape**2 + count * each**2) for each in (self.offset, self.gain)]
         moved = np.where(output.present[:, :, None], offset / scale[0], 0.0)
@@ -36,8 +45,8 @@ class TrialNoise:
         return white
 
 
-def split_signals(signals: Array, output: OutputChannel) -> tuple[Array, Array, Array]:
-    """Return signals' shape in each trial, (T, K, Q), their offset, (K, Q), and the part along the measured one.
+def split_signals(signals: Array, simulated: Array, output: OutputChannel) -> tuple[Array, Array, Array]:
+    """Return signals' shape in each trial, (T, K, Q), their offset, (K, Q), and the part along a simulated one, (T, K).
 
     All is shape in an output whose trials have no offset or gain of their own.
     """
@@ -45,27 +54,26 @@ def split_signals(signals: Array, output: OutputChannel) -> tuple[Array, Array, 
     bare = np.where(present, signals, 0.0)
     if not output.jitters:
         return bare, np.zeros(bare.shape[1:]), np.zeros_like(bare)
-    measured = _centre_measured(output)
+    moved = _centre(simulated, output)
     offset = bare.sum(axis=0) / np.maximum(present.sum(axis=0), 1)
     moving = np.where(present, bare - offset, 0.0)
-    share = np.einsum("tk,tkq->kq", measured, moving) / np.maximum((measured**2).sum(axis=0), 1e-300)[:, None]
-    along = measured[:, :, None] * share
+    share = np.einsum("tk,tkq->kq", moved, moving) / np.maximum((moved**2).sum(axis=0), 1e-300)[:, None]
+    along = moved[:, :, None] * share
     return moving - along, offset, along
 
 
-def _centre_measured(output: OutputChannel) -> Array:
-    """Return the measured signal less its mean in each trial, (T, K); zero where not present."""
-    measured = np.where(output.present, output.measured, 0.0)
-    mean = measured.sum(axis=0) / np.maximum(output.present.sum(axis=0), 1)
-    return np.where(output.present, measured - mean, 0.0)
+def _centre(signal: Array, output: OutputChannel) -> Array:
+    """Return a signal less its mean in each trial, (T, K); zero where not present."""
+    mean = np.where(output.present, signal, 0.0).sum(axis=0) / np.maximum(output.present.sum(axis=0), 1)
+    return np.where(output.present, signal - mean, 0.0)
 
 
 def split_residual(residual: Array, output: OutputChannel) -> tuple[Array, Array, Array]:
-    """Return the shape of each trial's residual, (T, K), its offset and its part along the measured signal, (K,) each.
+    """Return the shape of each trial's residual, (T, K), its offset and its part along the simulated signal, (K,) each.
 
     The latter is told as a root mean square, in the channel's unit.
     """
-    shape, offset, along = split_signals(residual[:, :, None], output)
+    shape, offset, along = split_signals(residual[:, :, None], output.measured - residual, output)
     count = np.maximum(output.present.sum(axis=0), 1)
     return shape[:, :, 0], offset[:, 0], np.sqrt((along[:, :, 0] ** 2).sum(axis=0) / count)
 
@@ -73,7 +81,7 @@ def split_residual(residual: Array, output: OutputChannel) -> tuple[Array, Array
 def bound_jitter(output: OutputChannel, largest: float) -> float:
     """Return the largest offset or gain of a trial, as a root mean square: a share of the measured signal's."""
     count = np.maximum(output.present.sum(axis=0), 1)
-    return largest * float(np.sqrt(((_centre_measured(output) ** 2).sum(axis=0) / count).mean()))
+    return largest * float(np.sqrt(((_centre(output.measured, output) ** 2).sum(axis=0) / count).mean()))
 
 
 def estimate_trial_noise(residual: Array, output: OutputChannel, largest: float) -> TrialNoise:
@@ -82,7 +90,7 @@ def estimate_trial_noise(residual: Array, output: OutputChannel, largest: float)
     least, most = SMALLEST * output.range, bound_jitter(output, largest)
     moved = (max(float(np.sqrt((each**2).mean())), least) for each in (offset, gain))
     spread = float(np.sqrt((shape**2).sum() / max(count_effective(shape, output), 1.0)))
-    return TrialNoise(max(spread, least), *(min(each, most) for each in moved))
+    return TrialNoise(max(spread, least), *(min(each, most) for each in moved), output.measured - residual)
 
 
 def count_effective(shape: Array, output: OutputChannel) -> float:

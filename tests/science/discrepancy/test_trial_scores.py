@@ -30,6 +30,12 @@ def test_a_residual_is_its_shape_and_its_offset_and_its_part_along_what_was_meas
     np.testing.assert_allclose(along, np.abs(gain) * measured.std(axis=0), atol=1e-12)
 
 
+def test_a_wrong_gain_hides_no_noise():
+    noise = 0.1 * draw(1)
+    shape, _, _ = split_residual(noise + 0.4 * (TOY.measured - noise), TOY)
+    assert shape.std() == pytest.approx(noise.std(), rel=0.01)
+
+
 @pytest.mark.parametrize("correlation", [0.0, 0.5, 0.9])
 def test_correlated_samples_count_as_bartlett_says(correlation):
     expected = TOY.measured.size * (1.0 - correlation**2) / (1.0 + correlation**2)
@@ -85,8 +91,8 @@ def test_jitter_beyond_the_largest_counts_against_a_model():
 
 
 def test_trials_are_whitened_by_the_covariance_of_their_offset_gain_and_shape():
-    noise, rng = TrialNoise(0.7, 0.3, 0.2), np.random.default_rng(8)
     toy = make_toy(1, trials=3, samples=60)
+    noise, rng = TrialNoise(0.7, 0.3, 0.2, toy.measured), np.random.default_rng(8)
     toy = replace(toy, present=toy.present & (np.arange(60)[:, None] >= [0, 5, 20]))
     signals = rng.standard_normal((60, 3, 2)) + rng.standard_normal((3, 2))
     white = noise.whiten(signals, toy)
