@@ -87,8 +87,7 @@ def test_utilities_are_checked_on_the_models_of_a_run(shared_run, tmp_path):
     result = command("+utility_check=default", f"workflow.stages=[{stages},utility_check]", "stages=[utility_check]")
     assert result.returncode == 0, result.stderr
     told = pd.read_parquet(command.runs[-1] / "tables" / "utility_agreement.parquet")
-    of_target = told.groupby(["experiment", "trial", "target"])
-    assert (of_target["utility"].agg(set) == {*CHOICES}).all()
-    assert (of_target["regret"].min() < 0.2).all()  # some utility is near the most telling trajectory
+    assert (told.groupby(["experiment", "trial", "target"])["utility"].agg(set) == {*CHOICES}).all()
+    assert (told.groupby("target")["regret"].min() < 0.1).all()  # some choice is near the most telling trajectory
     assert (told.loc[told["utility"] == "random", "regret"] > 0.0).all()
     assert (command.runs[-1] / "figures" / "utility_agreement.png").stat().st_size > 1000

@@ -73,7 +73,6 @@ def test_whole_records_are_opened_the_nearest_number_to_the_share(count, kept):
         (["noise"] * 8 + ["steps"] * 8 + ["sweep"] * 8, ["noise"] * 8 + ["steps"] * 8 + ["sweep"] * 8),
         (["given"] * 24, [f"r{k}" for k in range(24)]),
     ],
-    ids=["two are too few", "of different parts", "of one block each"],
 )
 def test_records_that_are_no_repetitions_are_opened_block_by_block(parts, records):
     assert opened(parts, records) == opened(parts, [])
