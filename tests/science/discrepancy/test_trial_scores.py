@@ -17,7 +17,7 @@ ANY = 1e9
 
 
 def draw(seed, correlation=0.0):
-    noise = np.random.default_rng(seed).standard_normal(TOY.measured.shape)
+    noise = 0.01 * np.random.default_rng(seed).standard_normal(TOY.measured.shape)
     return lfilter([np.sqrt(1.0 - correlation**2)], [1.0, -correlation], noise, axis=0)
 
 
@@ -31,7 +31,7 @@ def test_a_residual_is_its_shape_and_its_offset_and_its_part_along_what_was_meas
 
 
 def test_a_wrong_gain_hides_no_noise():
-    noise = 0.1 * draw(1)
+    noise = 10.0 * draw(1)
     shape, _, _ = split_residual(noise + 0.4 * (TOY.measured - noise), TOY)
     assert shape.std() == pytest.approx(noise.std(), rel=0.01)
 
@@ -72,7 +72,7 @@ def test_differences_of_scores_are_those_of_an_integrated_likelihood():
 
 
 def test_jitter_of_trials_does_not_drown_a_better_shape():
-    jitter = 3.0 * np.random.default_rng(5).standard_normal(8)
+    jitter = 0.03 * np.random.default_rng(5).standard_normal(8)
     better, worse = draw(6) + jitter, 1.1 * draw(6) + jitter
     scores = compare_by(TOY, better, ANY)
     assert scores.score(better) - scores.score(worse) == pytest.approx(scores.effective * np.log(1.1), rel=0.05)
