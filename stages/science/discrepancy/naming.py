@@ -257,7 +257,8 @@ def _score_output(
     beside, left = dict(alone), dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
     if gap:
         beside = {key: refit(each, judge_by(each), state.map_beside(each)) for key, each in alone.items()}
-        beside = _share_maps(alone, beside, output, judge_by)
+        if output.jitters:  # in parts of one record a movement repeats, and a map of it tells whatever follows from it
+            beside = _share_maps(alone, beside, output, judge_by)
         nothing = alone[NONE, ""]
         alone[MEMORY, ""] = refit(nothing, judge_by(nothing), state.memory)
         beside[MEMORY, ""] = refit(nothing, judge_by(nothing), join(beside[NONE, ""].blocks, state.memory))
@@ -283,10 +284,9 @@ def _share_maps(
 
     nothing = NONE, ""
     least = measure(beside[nothing])
-    better = [each for key, each in beside.items() if key != nothing and each.fit.model.output is output]
-    tried = [take_newest_out(each, judge_by(each)) for each in better if measure(each) < least]
-    best = min([beside[nothing], *tried], key=measure)
     shared = [key for key in beside if key != nothing and beside[key].fit.model.output is output]
+    better = [beside[key] for key in shared if measure(beside[key]) < least]
+    best = min([beside[nothing], *(take_newest_out(each, judge_by(each)) for each in better)], key=measure)
     again = {key: refit(alone[key], judge_by(alone[key]), best.blocks) for key in shared}
     return {**beside, nothing: best, **{key: min(again[key], beside[key], key=measure) for key in shared}}
 

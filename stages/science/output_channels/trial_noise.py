@@ -88,9 +88,9 @@ def estimate_trial_noise(residual: Array, output: OutputChannel, largest: float)
     """Return the noise of which a residual, (T, K), would be a sample, its jitter no larger than `bound_jitter`'s."""
     shape, offset, gain = split_residual(residual, output)
     least, most = SMALLEST * output.range, bound_jitter(output, largest)
-    moved = (max(float(np.sqrt((each**2).mean())), least) for each in (offset, gain))
+    offset_sd, gain_sd = (min(max(float(np.sqrt((each**2).mean())), least), most) for each in (offset, gain))
     spread = float(np.sqrt((shape**2).sum() / max(count_effective(shape, output), 1.0)))
-    return TrialNoise(max(spread, least), *(min(each, most) for each in moved), output.measured - residual)
+    return TrialNoise(max(spread, least), offset_sd, gain_sd, output.measured - residual)
 
 
 def count_effective(shape: Array, output: OutputChannel) -> float:
