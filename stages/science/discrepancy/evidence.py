@@ -114,27 +114,28 @@ def _weigh_name(
 
     One cause has one form in all outputs that carry it.
     """
-    best, carries = [""] * len(channels), np.zeros(len(channels))
-    weights, shares = {}, {}
+    best = [""] * len(channels)
+    weights: dict[str, float] = {}
+    shares: dict[str, Array] = {}
     for channel in dict.fromkeys(channels):
         found: dict[str, tuple[float, list[int], Array]] = {}
         for form, by_output in [(form, its) for (each, form), its in scores.forms.items() if each == name]:
             own = [place for place in by_output if channels[place] == channel]
             if own:
-                total, each_carries = _weigh_sets(power * np.array([by_output[k] - scores.none[k] for k in own]))
-                found[form] = total, own, each_carries
+                total, its_carries = _weigh_sets(power * np.array([by_output[k] - scores.none[k] for k in own]))
+                found[form] = total, own, its_carries
         if found:
-            form = max(found, key=lambda each: found[each][0])
-            total = float(np.logaddexp.reduce([each for each, _, _ in found.values()]) - np.log(len(found)))
-            weights[channel] = total + log_prior + log_map.get(channel, 0.0) - log_law[channel]
-            shares[channel] = found[form][1:]
-            for place in found[form][1]:
-                best[place] = form
+            total = float(np.logaddexp.reduce([each for each, _, _ in found.values()]))
+            weights[channel] = total - np.log(len(found)) + log_prior + log_map.get(channel, 0.0) - log_law[channel]
+            shares[channel] = np.zeros(len(channels))
+            for form, (each, own, its_carries) in sorted(found.items(), key=lambda item: item[1][0]):
+                shares[channel][own] += np.exp(each - total) * its_carries
+                for place in own:
+                    best[place] = form
     if not weights:
-        return -np.inf, best, carries
-    own, each_carries = shares[max(weights, key=weights.__getitem__)]
-    carries[own] = each_carries
-    return float(np.logaddexp.reduce(list(weights.values())) - np.log(len(weights))), best, carries
+        return -np.inf, best, np.zeros(len(channels))
+    likely = max(weights, key=weights.__getitem__)
+    return float(np.logaddexp.reduce(list(weights.values())) - np.log(len(weights))), best, shares[likely]
 
 
 def _weigh_sets(gains: Array) -> tuple[float, Array]:

@@ -175,6 +175,15 @@ def take_newest_out(fitted: Fitted, noise: Noise | TrialNoise) -> Fitted:
     return assess(fit(replace(model, forms=tuple(others)), noise, start, iterations=AGAIN), noise)
 
 
+def put_newest_in(fitted: Fitted, beside: Fitted, noise: Noise | TrialNoise) -> Fitted:
+    """Return a model beside the family of a fit without its newest effect, from where that fit and the effect were."""
+    newest, known = fitted.forms[-1], len(beside.fit.model.parameters)
+    effect = fitted.fit.values[-len(newest.parameters) :]
+    start = np.concatenate([beside.fit.values[:known], effect, beside.fit.values[known:]])
+    model = replace(beside.fit.model, forms=fitted.forms)
+    return assess(fit(model, noise, start, iterations=AGAIN), noise)
+
+
 def refit_coloured(plain: Fitted) -> Fitted:
     """Fit a model once more, under the noise that it left; return what predicts better."""
     noise = plain.estimate_noise()

@@ -3,7 +3,7 @@
 Outputs at their present fits and what each effect promises there flow in; probabilities, gaps and a name flow out.
 """
 
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -13,13 +13,14 @@ from stages.science.discrepancy.fitted_channel import (
     Fitted,
     FittedChannel,
     fit_plain,
+    put_newest_in,
     refit,
     refit_coloured,
     take_newest_out,
 )
 from stages.science.discrepancy.screening import Screened
 from stages.science.discrepancy.settings import SearchSettings
-from stages.science.discrepancy.trial_scores import compare_by
+from stages.science.discrepancy.trial_scores import TrialScores, compare_by
 from stages.science.output_channels.families import join
 from stages.science.output_channels.noise import Noise, make_plain
 from stages.science.output_channels.output_channel import OutputChannel, map_in_threads
@@ -38,7 +39,7 @@ NEAR_BEST = 1.25
 
 @dataclass(frozen=True)
 class Named:
-    """One effect that was added, in a form of its own on each element that carries it."""
+    """One effect that was added, and its form on each element that carries it."""
 
     name: str
     forms: tuple[str, ...]
@@ -102,7 +103,8 @@ def rank(
     priors = {name: each / every for name, each in halved.items()}
     priors |= {NONE: settings.none_prior, MEMORY: settings.family_prior, STATIC_MAP: settings.static_prior}
 
-    def worth(name: str, forms: list[str], carries: Array) -> bool:
+    def worth(name: str, probable: list[str], carries: Array) -> bool:
+        forms = _choose_forms(name, probable, outputs, choices)
         return name == MEMORY or bool(_carriers(outputs, choices, name, forms, carries, settings))
 
     alone, beside, families = _score_all(outputs, candidates, choices, settings)
@@ -140,11 +142,11 @@ def _choose_forms(
     name: str, probable: Sequence[str], outputs: Sequence[FittedChannel], choices: Sequence[Choice]
 ) -> list[str]:
     """Return the form of a name with the smallest gap in its channel, of those fitted; else the most probable."""
-    squares: dict[str, dict[str, float]] = {}
-    for state, fitted in zip(outputs, choices, strict=True):
-        own = squares.setdefault(state.output.channel, {})
-        for form in [form for known, form in fitted if known == name]:
-            own[form] = own.get(form, 0.0) + state.ratio(fitted[name, form].raw) ** 2
+    squares: dict[str, dict[str, float]] = {state.output.channel: {} for state in outputs}
+    for channel, own in squares.items():
+        its = [(state, fits) for state, fits in zip(outputs, choices, strict=True) if state.output.channel == channel]
+        for form in dict.fromkeys(form for _, fits in its for known, form in fits if known == name):
+            own[form] = sum(state.ratio(fits.get((name, form), state.current).raw) ** 2 for state, fits in its)
     channels = [squares[state.output.channel] for state in outputs]
     return [min(own, key=own.__getitem__, default=form) for own, form in zip(channels, probable, strict=True)]
 
@@ -257,22 +259,21 @@ def _score_output(
     beside, left = dict(alone), dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
     if gap:
         beside = {key: refit(each, judge_by(each), state.map_beside(each)) for key, each in alone.items()}
-        if output.jitters:  # in parts of one record a movement repeats, and a map of it tells whatever follows from it
-            beside = _share_maps(alone, beside, output, judge_by)
         nothing = alone[NONE, ""]
         alone[MEMORY, ""] = refit(nothing, judge_by(nothing), state.memory)
-        beside[MEMORY, ""] = refit(nothing, judge_by(nothing), join(beside[NONE, ""].blocks, state.memory))
+        remembering = refit(nothing, judge_by(nothing), join(state.static_map, state.memory))
+        if output.jitters:  # in parts of one record a movement repeats, and a map of it tells whatever follows from it
+            scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
+            beside = _share_maps(alone, beside, common, scores)
+            again = refit(nothing, common, join(beside[NONE, ""].blocks, state.memory))
+            remembering = max(again, remembering, key=lambda each: scores.score(each.residual))
+        beside[MEMORY, ""] = remembering
         left |= {STATIC_MAP: beside[NONE, ""].raw, MEMORY: alone[MEMORY, ""].raw}
     scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
     return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)], left
 
 
-def _share_maps(
-    alone: Mapping[tuple[str, str], Fitted],
-    beside: Mapping[tuple[str, str], Fitted],
-    output: OutputChannel,
-    judge_by: Callable[[Fitted], Noise | TrialNoise],
-) -> Choice:
+def _share_maps(alone: Choice, beside: Choice, noise: TrialNoise, scores: TrialScores) -> Choice:
     """Return the better fits beside the static map that serves nothing best: no map owes its success to a name.
 
     A map's priors and a fit's constants have local optima. Those of a name are tried without it, and the best map found
@@ -280,15 +281,15 @@ def _share_maps(
     """
 
     def measure(each: Fitted) -> float:
-        return float((split_residual(each.residual, output)[0] ** 2).sum())
+        return scores.score(each.residual)
 
     nothing = NONE, ""
     least = measure(beside[nothing])
-    shared = [key for key in beside if key != nothing and beside[key].fit.model.output is output]
-    better = [beside[key] for key in shared if measure(beside[key]) < least]
-    best = min([beside[nothing], *(take_newest_out(each, judge_by(each)) for each in better)], key=measure)
-    again = {key: refit(alone[key], judge_by(alone[key]), best.blocks) for key in shared}
-    return {**beside, nothing: best, **{key: min(again[key], beside[key], key=measure) for key in shared}}
+    shared = [key for key in beside if key != nothing and beside[key].fit.model.output is scores.output]
+    better = [beside[key] for key in shared if measure(beside[key]) > least]
+    best = max([beside[nothing], *(take_newest_out(each, noise) for each in better)], key=measure)
+    again = {key: put_newest_in(alone[key], best, noise) for key in shared}
+    return {**beside, nothing: best, **{key: max(again[key], beside[key], key=measure) for key in shared}}
 
 
 def _shortlist(

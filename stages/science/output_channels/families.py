@@ -116,10 +116,11 @@ def choose_family(fit: Fit, noise: Noise | TrialNoise, columns: Array, tried: Se
     twice.
     """
     output, free = fit.model.output, np.flatnonzero(fit.free)
+    simulated = noise.simulated if isinstance(noise, TrialNoise) else output.measured - fit.residual
     together = np.concatenate([fit.slopes[:, :, free], columns, fit.residual[:, :, None]], axis=2)
     whole, shape = (
         collect_grams(each[:, :, :-1], each[:, :, -1], output.present)
-        for each in (weigh(together, output, noise), split_signals(together, output.measured - fit.residual, output)[0])
+        for each in (weigh(together, output, noise), split_signals(together, simulated, output)[0])
     )
     mean, prior_sd = fit.model.prior
     pull = np.append(((mean - fit.values) / prior_sd**2)[free], np.zeros(columns.shape[2]))

@@ -21,7 +21,7 @@ def draw(seed, correlation=0.0):
     return lfilter([np.sqrt(1.0 - correlation**2)], [1.0, -correlation], noise, axis=0)
 
 
-def test_a_residual_is_its_shape_and_its_offset_and_its_part_along_what_was_measured():
+def test_a_residual_is_its_shape_and_its_offset_and_its_part_along_what_was_simulated():
     measured = TOY.measured - TOY.measured.mean(axis=0)
     offset, gain = np.linspace(-1.0, 1.0, 8), np.linspace(0.5, -0.5, 8)
     shape, found, along = split_residual(offset + gain * measured, TOY)
