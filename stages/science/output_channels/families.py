@@ -11,10 +11,10 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from stages.science.output_channels.features import list_memory
-from stages.science.output_channels.fitting import Family, Fit, collect_grams, weigh
+from stages.science.output_channels.fitting import Family, Fit, collect_white, take_grams
 from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import OutputChannel
-from stages.science.output_channels.trial_noise import TrialNoise, split_signals
+from stages.science.output_channels.trial_noise import TrialNoise, multiply_parts
 from stages.science.signals.trajectories import Array
 
 DEGREES = {1: 6, 2: 5}
@@ -118,10 +118,8 @@ def choose_family(fit: Fit, noise: Noise | TrialNoise, columns: Array, tried: Se
     output, free = fit.model.output, np.flatnonzero(fit.free)
     simulated = noise.simulated if isinstance(noise, TrialNoise) else output.measured - fit.residual
     together = np.concatenate([fit.slopes[:, :, free], columns, fit.residual[:, :, None]], axis=2)
-    whole, shape = (
-        collect_grams(each[:, :, :-1], each[:, :, -1], output.present)
-        for each in (weigh(together, output, noise), split_signals(together, simulated, output)[0])
-    )
+    whole = collect_white(together, output, noise)
+    shape = take_grams(multiply_parts(together, simulated, output)[0], output)
     mean, prior_sd = fit.model.prior
     pull = np.append(((mean - fit.values) / prior_sd**2)[free], np.zeros(columns.shape[2]))
     total, cross = whole.slopes.sum(axis=0), whole.cross.sum(axis=0) + pull

@@ -211,17 +211,27 @@ def collect_grams(slopes: Array, residual: Array, present: NDArray[np.bool_]) ->
     )
 
 
-def weigh(signals: Array, output: OutputChannel, noise: Noise | TrialNoise) -> Array:
-    """Return signals of an output, (T, K, Q), as samples of white noise of variance one, if they are of this noise."""
+def collect_white(signals: Array, output: OutputChannel, noise: Noise | TrialNoise) -> Grams:
+    """Return the sums over samples of slopes and, last, a residual, (T, K, P + 1), as of white noise of variance one.
+
+    The signals are zero where not present.
+    """
     if isinstance(noise, TrialNoise):
-        return noise.whiten(signals, output)
-    return whiten(signals, output.present, noise, output.step_s)
+        return take_grams(noise.multiply(signals, output), output)
+    white = whiten(signals, output.present, noise, output.step_s)
+    return collect_grams(white[:, :, :-1], white[:, :, -1], output.present)
+
+
+def take_grams(products: Array, output: OutputChannel) -> Grams:
+    """Return sums of products, (K, P + 1, P + 1), of slopes and, last, a residual by what they are."""
+    samples = output.present.sum(axis=0).astype(float)
+    return Grams(products[:, :-1, :-1], products[:, :-1, -1], products[:, -1, -1], samples)
 
 
 def _weigh_cost(model: Model, values: Array, residual: Array, noise: Noise | TrialNoise) -> float:
-    white = weigh(residual[:, :, None], model.output, noise)
+    white = collect_white(residual[:, :, None], model.output, noise)
     mean, sd = model.prior
-    return float((white**2).sum() + (((values - mean) / sd) ** 2).sum())
+    return float(white.square.sum() + (((values - mean) / sd) ** 2).sum())
 
 
 def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int = ITERATIONS) -> Fit:
@@ -265,8 +275,7 @@ def _linearise(
 ) -> tuple[Array, Grams]:
     present = model.output.present
     slopes = np.where(present[:, :, None], model.differentiate(values, simulated), 0.0)
-    white = weigh(np.concatenate([slopes, residual[:, :, None]], axis=2), model.output, noise)
-    return slopes, collect_grams(white[:, :, :-1], white[:, :, -1], present)
+    return slopes, collect_white(np.concatenate([slopes, residual[:, :, None]], axis=2), model.output, noise)
 
 
 def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high: Array, damping: float = 0.0) -> Array:

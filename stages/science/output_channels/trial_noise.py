@@ -35,14 +35,36 @@ class TrialNoise:
         """Return the noise of some of the trials, by position."""
         return replace(self, simulated=self.simulated[:, list(trials)])
 
-    def whiten(self, signals: Array, output: OutputChannel) -> Array:
-        """Return signals, (T, K, Q), whose sum of squares is that of their parts, each over its variance."""
-        shape, offset, along = split_signals(signals, self.simulated, output)
-        count = np.maximum(output.present.sum(axis=0), 1)[:, None]
-        scale = [np.sqrt(self.shape**2 + count * each**2) for each in (self.offset, self.gain)]
-        moved = np.where(output.present[:, :, None], offset / scale[0], 0.0)
-        white: Array = shape / self.shape + moved + along / scale[1]
+    def multiply(self, signals: Array, output: OutputChannel) -> Array:
+        """Return sums of products of signals, (T, K, Q), over each trial's samples, each part over its variance.
+
+        The signals are zero where not present; the sums are (K, Q, Q).
+        """
+        shape, offset, along = multiply_parts(signals, self.simulated, output)
+        count = np.maximum(output.present.sum(axis=0), 1)[:, None, None]
+        varied = (self.shape**2 + count * each**2 for each in (self.offset, self.gain))
+        white: Array = shape / self.shape**2 + offset / next(varied) + along / next(varied)
         return white
+
+
+def multiply_parts(signals: Array, simulated: Array, output: OutputChannel) -> tuple[Array, Array, Array]:
+    """Return sums of products of signals' shapes, offsets and parts along a simulated signal, (K, Q, Q) each.
+
+    The parts are those of `split_signals`, which are orthogonal, so that only the sums of the whole signals, (T, K, Q),
+    are taken sample by sample. The signals are zero where not present.
+    """
+    by_trial = np.ascontiguousarray(signals.transpose(1, 0, 2))
+    whole = by_trial.transpose(0, 2, 1) @ by_trial
+    if not output.jitters:
+        return whole, np.zeros_like(whole), np.zeros_like(whole)
+    moved = _centre(simulated, output).T
+    size = np.maximum((moved**2).sum(axis=1), 1e-300)[:, None]
+    moments = (
+        by_trial.sum(axis=1) / np.sqrt(np.maximum(output.present.sum(axis=0), 1))[:, None],
+        (moved[:, None, :] @ by_trial)[:, 0, :] / np.sqrt(size),
+    )
+    offset, along = (each[:, :, None] * each[:, None, :] for each in moments)
+    return whole - offset - along, offset, along
 
 
 def split_signals(signals: Array, simulated: Array, output: OutputChannel) -> tuple[Array, Array, Array]:
