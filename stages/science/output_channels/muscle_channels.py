@@ -181,7 +181,7 @@ class ForceChannel(MuscleChannel):
     @property
     def forms(self) -> tuple[EffectForm, ...]:
         """Effects between pressure, contraction and sensed force; at the muscle's tip no cable's tension is felt."""
-        felt = _offer(FORCE_SITES, "sensed_force_n")
+        felt = _offer(FORCE_SITES, "sensed_force_n", "contraction")
         if self.load_cell_site == "joint_end":
             return felt
         return tuple(each for each in felt if cast(ChainEffect, each.effect).signal != "tension_n")
@@ -236,12 +236,12 @@ def _name_effects(effects: Placed) -> list[tuple[ChainEffect, Mapping[str, float
     return [(cast(ChainEffect, form.effect), values) for form, values in effects]
 
 
-def _offer(sites: Sequence[str], sensed: str) -> tuple[EffectForm, ...]:
+def _offer(sites: Sequence[str], *sensed: str) -> tuple[EffectForm, ...]:
     found = []
     for name in list_effects():
         for effect in list_forms(name):
             if not isinstance(effect, ChainEffect) or not effect.parameters or name == NOT_FITTED:
                 continue
-            if effect.site in sites or (effect.site == "sensor" and effect.signal == sensed):
+            if effect.site in sites or (effect.site == "sensor" and effect.signal in sensed):
                 found.append(EffectForm(name, effect.form, effect.site, effect.parameters, effect))
     return tuple(found)
