@@ -47,8 +47,7 @@ def plant(generator, regrets, experiments=6):
 
 
 @pytest.mark.parametrize(
-    ("regret", "verdict"),
-    [(0.1, "forgoes less than y_y"), (0.5, "forgoes more than y_y"), (0.3, "undecided")],
+    ("regret", "verdict"), [(0.1, "forgoes less than y_y"), (0.5, "forgoes more than y_y"), (0.3, "undecided")]
 )
 def test_planted_regrets_turn_the_verdict(regret, verdict, generator):
     told = UTILITY_SUMMARY.check(summarise(plant(generator, {"variance": regret})), "test")

@@ -101,7 +101,7 @@ def rank(
     halved = {name: 0.5 ** min(len(form.parameters) for form in offered if form.name == name) for name in names}
     every = sum(halved.values()) / (1.0 - settings.none_prior - settings.family_prior)
     priors = {name: each / every for name, each in halved.items()}
-    priors |= {NONE: settings.none_prior, MEMORY: settings.family_prior, STATIC_MAP: settings.static_prior}
+    priors |= {NONE: settings.none_prior, MEMORY: settings.family_prior, STATIC_MAP: settings.family_prior}
 
     def worth(name: str, probable: list[str], carries: Array) -> bool:
         forms = _choose_forms(name, probable, outputs, choices)
@@ -183,7 +183,10 @@ def _score_all(
     choices: Sequence[Choice],
     settings: SearchSettings,
 ) -> tuple[Beside, Beside, list[dict[str, Array]]]:
-    """Return the scores of all models, a memory among them, without and with a static map, and what families leave."""
+    """Return the scores of all models, a memory among them, without and with a static map, and what families leave.
+
+    A form that is itself a static map is not looked at beside one.
+    """
     corrected = _fit_corrected(outputs, choices)
     extended = [dict(choice) for choice in choices]
     for place, _, sensor, fitted in corrected:
@@ -200,20 +203,20 @@ def _score_all(
         list(zip(outputs, extended, strict=True)),
         samples,
     )
-    laws = np.log([1.0 - settings.static_prior, settings.static_prior])
+    laws = np.log([1.0 - settings.family_prior, settings.family_prior])
     for place, source, sensor, _ in corrected:
         without, having = ([here[each] for here in found[place][0]] for each in ((NONE, ""), sensor))
         for own, here in zip(found[source][0], found[place][0], strict=True):
             own[sensor] += float(np.max(laws + having) - np.max(laws + without))
             del here[sensor]
     both = []
-    for scores in zip(*(scores for scores, _ in found), strict=True):
+    for mapped, scores in zip((False, True), zip(*(scores for scores, _ in found), strict=True), strict=True):
         none = np.array([each[NONE, ""] for each in scores])
         forms: dict[tuple[str, str], dict[int, float]] = {}
         for place, (listed, own) in enumerate(zip(candidates, scores, strict=True)):
-            keys = [(each.form.name, each.form.form) for each in listed] + [key for key in own if key[0] == MEMORY]
-            for key in keys:
-                forms.setdefault(key, {})[place] = own.get(key, none[place] - settings.unfitted_score)
+            looked = [each.form for each in listed if not (mapped and outputs[place].output.is_static(each.form))]
+            for key in [*((form.name, form.form) for form in looked), *(key for key in own if key[0] == MEMORY)]:
+                forms.setdefault(key, {})[place] = own.get(key, none[place])
         both.append(Beside(none, forms))
     return both[0], both[1], [left for _, left in found]
 
@@ -258,7 +261,10 @@ def _score_output(
         common = estimate_trial_noise(find_best(alone.values()), output, largest)
     beside, left = dict(alone), dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
     if gap:
-        beside = {key: refit(each, judge_by(each), state.map_beside(each)) for key, each in alone.items()}
+        own = {key: each for key, each in choice.items() if each.fit.model.output is output}
+        static = {key for key, each in own.items() if output.is_static(each.forms[-1])}
+        looked = {key: each for key, each in alone.items() if key not in static}
+        beside = {key: refit(each, judge_by(each), state.map_beside(each)) for key, each in looked.items()}
         nothing = alone[NONE, ""]
         alone[MEMORY, ""] = refit(nothing, judge_by(nothing), state.memory)
         remembering = refit(nothing, judge_by(nothing), join(state.static_map, state.memory))

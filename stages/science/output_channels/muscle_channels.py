@@ -32,6 +32,8 @@ EXACT = "saturation"
 """Effect whose level exactly repeated values show."""
 NOT_FITTED = "quantisation"
 """Effect that is not fitted: it has no derivatives, and what lies between two counts is lost."""
+SAME = 1e-6
+"""Difference of two simulations, over the channel's range, up to which they are the same."""
 PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
 
 
@@ -192,6 +194,21 @@ class ForceChannel(MuscleChannel):
         signals = records.smooth_pressure_kpa, records.contraction, records.velocity_per_s
         return predict_force(*signals, muscles, placed, records.step_s, records.start_s, self.load_cell_site)
 
+    def is_static(self, form: EffectForm) -> bool:
+        """Return whether a form's force follows from pressure and contraction at the same moment.
+
+        Such a force is the same, moment by moment, when the motion runs backwards.
+        """
+        forward = self.take([0])
+        signals = ("command_kpa", "pressure_kpa", "smooth_pressure_kpa", "contraction", "velocity_per_s", "force_n")
+        turned = {name: getattr(forward.records, name)[::-1] for name in signals}
+        turned["velocity_per_s"] = -turned["velocity_per_s"]
+        backward = forward.from_signals(turned)
+        constants = {**{each.name: each.prior_mean for each in self.constants}, "damping_n_s": 0.0}
+        placed = [(form, {each.name: each.starts[0] for each in form.parameters})]
+        there, back = (each.simulate(constants, placed) - each.simulate(constants, []) for each in (forward, backward))
+        return bool(np.abs(there[::-1] - back).max() <= SAME * self.range)
+
     def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> ForceChannel:
         """Return the output with the true pressure, where the pressure's sensor has an effect."""
         placed = [(find_effect(name, form), values) for name, form, values in effects]
@@ -207,7 +224,12 @@ class ForceChannel(MuscleChannel):
 
     def from_pressure(self, pressure_kpa: Array) -> ForceChannel:
         """Return the output with another pressure, (T, K), than the measured one."""
-        return replace(self, records=replace(self.records, smooth_pressure_kpa=np.ascontiguousarray(pressure_kpa)))
+        return self.from_signals({"smooth_pressure_kpa": pressure_kpa})
+
+    def from_signals(self, signals: Mapping[str, Array]) -> ForceChannel:
+        """Return the output with other signals, (T, K), than those recorded, by their names in its records."""
+        own: dict[str, Any] = {name: np.ascontiguousarray(each) for name, each in signals.items()}
+        return replace(self, records=replace(self.records, **own))
 
     def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
         """Return the largest force over the level."""

@@ -190,6 +190,10 @@ class OutputChannel(ABC):
         """Return whether the starts of a form come from exactly repeated values, and are used unchanged."""
         return False
 
+    def is_static(self, form: EffectForm) -> bool:
+        """Return whether all that a form does follows from the signals of a static map, at the same moment."""
+        return False
+
     def reveals_saturation(self) -> bool:
         """Return whether exactly repeated values show that the sensor saturates."""
         return False

@@ -40,10 +40,7 @@ PLANTED = {
         FRICTIONS | {"mass": approx(50.0, rel=0.02)},
     ),
     "an uneven lag": ((lag, {"asymmetry": 0.3, "samples": 1400}), {"valve_asymmetry": approx(0.3, abs=0.02)}),
-    "the rate limit of a lag": (
-        (lag, {"fastest": 2.5, "samples": 2000}),
-        {"valve_rate_limit": approx(250, rel=0.05)},
-    ),
+    "the rate limit of a lag": ((lag, {"fastest": 2.5, "samples": 2000}), {"valve_rate_limit": approx(250, rel=0.05)}),
     "dry friction of a joint": ((joint, {"coulomb": 2.0, "samples": 2000}), {"coulomb_friction": approx(2.0, rel=0.1)}),
     "the softening spring of a pendulum": ((pendulum, {}), {"cubic_stiffness": approx(-1.0 / 6.0, rel=0.15)}),
 }

@@ -122,3 +122,11 @@ def test_a_shorter_trial_shortens_no_other():
         np.testing.assert_array_equal(output.present.sum(axis=0), rows)
         own = samples.pivot(index="time_s", columns="trial", values=output.channel)
         np.testing.assert_allclose(output.measured[output.present], own.to_numpy()[output.present])
+
+
+def test_an_effect_is_static_if_reversed_time_leaves_its_force():
+    built = build_muscle_channels(tabulate_session(*record_session(trials=2, muscles=("pam1",)), "two"), DISCREPANCY)
+    force = next(each for each in built if each.channel == "force_n")
+    static = {form.name for form in force.forms if force.is_static(form)}
+    assert {"cubic_stiffness", "series_elasticity", "sensor_gain", "threshold_pressure"} <= static
+    assert not static & {"hysteresis", "creep", "coulomb_friction", "viscous_friction", "channel_misalignment"}

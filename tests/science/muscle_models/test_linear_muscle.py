@@ -110,9 +110,7 @@ def test_a_pressure_that_follows_contraction_determines_four_directions(generato
 @given(
     st.integers(1, 12).flatmap(
         lambda n: arrays(
-            float,
-            (3, n),
-            elements=st.one_of(st.floats(-1e50, 1e50), st.floats(-10, 10), st.integers(-2, 2).map(float)),
+            float, (3, n), elements=st.one_of(st.floats(-1e50, 1e50), st.floats(-10, 10), st.integers(-2, 2).map(float))
         )
     )
 )

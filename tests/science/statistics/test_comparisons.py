@@ -93,8 +93,7 @@ def test_every_number_is_finite_or_all_that_need_a_spread_are_missing(of, data, 
 @EVERY
 @pytest.mark.parametrize("times", [1, 3])
 @pytest.mark.parametrize(
-    ("first", "second", "margin"),
-    [([1e300, -1e300], [-1e300, 1e300], 1.0), ([5e-324, 1e-323], [0.0, 0.0], 1e300)],
+    ("first", "second", "margin"), [([1e300, -1e300], [-1e300, 1e300], 1.0), ([5e-324, 1e-323], [0.0, 0.0], 1e300)]
 )
 def test_the_largest_and_the_smallest_values_are_in_range(of, first, second, margin, times):
     assert_in_range(of, (np.array(first * times), np.array(second * times)), margin)
