@@ -8,6 +8,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.science.signals.trajectories import Array
 
@@ -55,9 +56,9 @@ def weigh_names(
     A name is carried by outputs of one channel, a static map by all of a channel; `channels` has that of each output.
     The prior probability of a name is shared evenly by the numbers of outputs that may carry it, by the sets of that
     number, and by the forms, of which all that carry it have one; that of a static map is of each channel. Log ratios
-    of two likelihoods, nats, are scaled down, all alike, to `most_evidence` at most. A name is `worth` it, given its
-    form in every output and the probability of each output, if it would close a gap that matters; else it has none,
-    however sure its small gain is.
+    of two likelihoods, nats, are scaled down, in a channel all alike, to `most_evidence` at most: how wrong the law of
+    one channel is says nothing of another's. A name is `worth` it, given its form in every output and the probability
+    of each output, if it would close a gap that matters; else it has none, however sure its small gain is.
 
     Notes
     -----
@@ -65,11 +66,14 @@ def weigh_names(
     variable-selection problem, Annals of Statistics 38 (2010). A power of the likelihood under models that are all a
     little wrong: Miller and Dunson, Robust Bayesian inference via coarsening, JASA 114 (2019).
     """
-    power = min(1.0, most_evidence / max(_find_largest(alone, beside), 1e-300))
     names = list(dict.fromkeys(name for name, _ in alone.forms))
-    map_prior = priors[STATIC_MAP]
-    more, at = beside.none - alone.none, np.array(channels)
-    log_map = {each: power * float(more[at == each].sum()) for each in dict.fromkeys(channels)}
+    map_prior, at = priors[STATIC_MAP], np.array(channels)
+    power = {
+        each: min(1.0, most_evidence / max(_find_largest(alone, beside, at == each), 1e-300))
+        for each in dict.fromkeys(channels)
+    }
+    more = beside.none - alone.none
+    log_map = {each: its * float(more[at == each].sum()) for each, its in power.items()}
     log_law = {each: np.logaddexp(np.log1p(-map_prior), np.log(map_prior) + value) for each, value in log_map.items()}
     log_weight, chosen, carries = {NONE: float(np.log(priors[NONE]))}, {}, {}
     for name in names:
@@ -89,22 +93,22 @@ def weigh_names(
     return Verdicts(shares, chosen, carries, maps)
 
 
-def _find_largest(alone: Beside, beside: Beside) -> float:
-    """Return the largest log ratio of any explanation's likelihood to that of nothing."""
-    gains = [np.maximum(beside.none - alone.none, 0.0).sum()]
+def _find_largest(alone: Beside, beside: Beside, own: NDArray[np.bool_]) -> float:
+    """Return the largest log ratio of any explanation's likelihood to that of nothing, in the outputs of a channel."""
+    gains = [np.maximum(beside.none - alone.none, 0.0)[own].sum()]
     for scores in (alone, beside):
         for by_output in scores.forms.values():
             gain = np.maximum(scores.none - alone.none, 0.0)
             for place, score in by_output.items():
                 gain[place] = max(gain[place], score - alone.none[place])
-            gains.append(gain.sum())
+            gains.append(gain[own].sum())
     return float(max(gains))
 
 
 def _weigh_name(
     name: str,
     scores: Beside,
-    power: float,
+    power: Mapping[str, float],
     channels: Sequence[str],
     log_prior: float,
     log_map: Mapping[str, float],
@@ -122,7 +126,9 @@ def _weigh_name(
         for form, by_output in [(form, its) for (each, form), its in scores.forms.items() if each == name]:
             own = [place for place in by_output if channels[place] == channel]
             if own:
-                total, its_carries = _weigh_sets(power * np.array([by_output[k] - scores.none[k] for k in own]))
+                total, its_carries = _weigh_sets(
+                    power[channel] * np.array([by_output[k] - scores.none[k] for k in own])
+                )
                 found[form] = total, own, its_carries
         if found:
             total = float(np.logaddexp.reduce([each for each, _, _ in found.values()]))

@@ -101,7 +101,7 @@ def rank(
     halved = {name: 0.5 ** min(len(form.parameters) for form in offered if form.name == name) for name in names}
     every = sum(halved.values()) / (1.0 - settings.none_prior - settings.family_prior)
     priors = {name: each / every for name, each in halved.items()}
-    priors |= {NONE: settings.none_prior, MEMORY: settings.family_prior, STATIC_MAP: settings.family_prior}
+    priors |= {NONE: settings.none_prior, MEMORY: settings.family_prior, STATIC_MAP: settings.static_prior}
 
     def worth(name: str, probable: list[str], carries: Array) -> bool:
         forms = _choose_forms(name, probable, outputs, choices)
@@ -203,7 +203,7 @@ def _score_all(
         list(zip(outputs, extended, strict=True)),
         samples,
     )
-    laws = np.log([1.0 - settings.family_prior, settings.family_prior])
+    laws = np.log([1.0 - settings.static_prior, settings.static_prior])
     for place, source, sensor, _ in corrected:
         without, having = ([here[each] for here in found[place][0]] for each in ((NONE, ""), sensor))
         for own, here in zip(found[source][0], found[place][0], strict=True):
@@ -261,10 +261,7 @@ def _score_output(
         common = estimate_trial_noise(find_best(alone.values()), output, largest)
     beside, left = dict(alone), dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
     if gap:
-        own = {key: each for key, each in choice.items() if each.fit.model.output is output}
-        static = {key for key, each in own.items() if output.is_static(each.forms[-1])}
-        looked = {key: each for key, each in alone.items() if key not in static}
-        beside = {key: refit(each, judge_by(each), state.map_beside(each)) for key, each in looked.items()}
+        beside = {key: refit(each, judge_by(each), state.map_beside(each)) for key, each in alone.items()}
         nothing = alone[NONE, ""]
         alone[MEMORY, ""] = refit(nothing, judge_by(nothing), state.memory)
         remembering = refit(nothing, judge_by(nothing), join(state.static_map, state.memory))
@@ -301,17 +298,23 @@ def _share_maps(alone: Choice, beside: Choice, noise: TrialNoise, scores: TrialS
 def _shortlist(
     outputs: Sequence[FittedChannel], candidates: Sequence[Sequence[Screened]], settings: SearchSettings
 ) -> set[tuple[str, str, str]]:
-    """Return channel, name and form of the best screening results, summed over the muscles of a channel."""
+    """Return channel, name and form of the best screening results, summed over the muscles of a channel.
+
+    Forms that are a static map, which a wrong law makes promising, are listed apart: they displace no other.
+    """
     promised: dict[tuple[str, str, str], Array] = {}
+    static: dict[tuple[str, str, str], bool] = {}
     for state, listed in zip(outputs, candidates, strict=True):
         for each in listed:
             key = (state.output.channel, each.form.name, each.form.form)
             gains = np.maximum([each.gain, each.raw_gain], 0.0)
             promised[key] = promised.get(key, np.zeros(2)) + gains
+            static[key] = static.get(key) or state.output.is_static(each.form)
     kept: set[tuple[str, str, str]] = set()
-    for channel in {key[0] for key in promised}:
+    for kind in {(key[0], static[key]) for key in promised}:
+        own = {key: each for key, each in promised.items() if (key[0], static[key]) == kind}
         for scale, most in ((0, settings.shortlist), (1, (settings.shortlist + 1) // 2)):
-            kept |= _take_best({key: float(each[scale]) for key, each in promised.items() if key[0] == channel}, most)
+            kept |= _take_best({key: float(each[scale]) for key, each in own.items()}, most)
     for state, listed in zip(outputs, candidates, strict=True):
         if state.output.reveals_saturation():
             exact = [each.form for each in listed if state.output.is_exact(each.form)]

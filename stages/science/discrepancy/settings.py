@@ -42,6 +42,7 @@ class SearchSettings(Declared):
     ambiguous_share: float = Field(gt=0.0, lt=1.0)
     most_evidence: float = Field(gt=0.0)
     family_prior: float = Field(gt=0.0, lt=0.5)
+    static_prior: float = Field(gt=0.0, lt=0.5)
     shortlist: int = Field(ge=1, le=100)
     most_effects: int = Field(ge=1, le=10)
     most_confounded: float = Field(gt=0.5, lt=1.0)

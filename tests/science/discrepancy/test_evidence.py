@@ -39,27 +39,28 @@ def sum_hypotheses(power):
     for maps in [(), ("y",), ("z",), ("y", "z")]:
         prior = np.prod([PRIORS["static_map"] if each in maps else 1 - PRIORS["static_map"] for each in ("y", "z")])
         scores = [BESIDE if channel in maps else ALONE for channel in CHANNELS]
-        base = [scores[place].none[place] for place in range(3)]
-        weights["static_map" if maps else "none"] += PRIORS["none"] * prior * np.exp(power * sum(base))
+        powers = [power[channel] for channel in CHANNELS]
+        base = [powers[place] * scores[place].none[place] for place in range(3)]
+        weights["static_map" if maps else "none"] += PRIORS["none"] * prior * np.exp(sum(base))
         for name, forms in names.items():
             offering = [each for each in ("y", "z") if any(CHANNELS[p] == each for p in ALONE.forms[name, forms[0]])]
             for channel in offering:
                 places = [p for p in ALONE.forms[name, forms[0]] if CHANNELS[p] == channel]
                 for chosen in list_sets(places):
                     rest = sum(base[place] for place in range(3) if place not in chosen)
-                    told = [rest + sum(scores[place].forms[name, form][place] for place in chosen) for form in forms]
-                    likelihood = np.mean(np.exp(power * np.array(told)))
+                    told = [rest + sum(powers[p] * scores[p].forms[name, form][p] for p in chosen) for form in forms]
+                    likelihood = np.mean(np.exp(told))
                     share = 1.0 / len(offering) / len(places) / comb(len(places), len(chosen))
                     weights[name] += PRIORS[name] * prior * share * likelihood
     total = sum(weights.values())
     return {name: each / total for name, each in weights.items()}
 
 
-LARGEST = (4.1 - 1.0) + (0.5 + 2.0) + (3.5 - 0.5)
-"""Evidence for the kink beside a map, in all outputs that offer it."""
+LARGEST = (4.0 - 1.0) + (3.5 + 2.0)
+"""Evidence for the wave beside a map in channel y, the largest there; in z none exceeds 3."""
 
 
-@pytest.mark.parametrize(("most", "power"), [(1e3, 1.0), (0.5 * LARGEST, 0.5)], ids=["all counts", "scaled down"])
+@pytest.mark.parametrize(("most", "power"), [(1e3, {"y": 1.0, "z": 1.0}), (0.5 * LARGEST, {"y": 0.5, "z": 1.0})])
 def test_probabilities_are_those_of_a_sum_over_all_hypotheses(most, power):
     said = weigh_names(ALONE, BESIDE, CHANNELS, PRIORS, most, lambda *_: True)
     assert said.names == pytest.approx(sum_hypotheses(power), rel=1e-9)
@@ -68,7 +69,7 @@ def test_probabilities_are_those_of_a_sum_over_all_hypotheses(most, power):
 
 def test_what_is_not_worth_it_has_no_probability_and_the_rest_share_it():
     said = weigh_names(ALONE, BESIDE, CHANNELS, PRIORS, 1e3, lambda name, *_: name != "wave")
-    every = sum_hypotheses(1.0)
+    every = sum_hypotheses({"y": 1.0, "z": 1.0})
     rest = 1.0 - every.pop("wave")
     assert said.names == pytest.approx({"wave": 0.0} | {name: each / rest for name, each in every.items()}, rel=1e-9)
 
