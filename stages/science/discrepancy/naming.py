@@ -280,7 +280,7 @@ def _share_maps(alone: Choice, beside: Choice, noise: TrialNoise, scores: TrialS
     """Return the better fits beside the static map that serves nothing best: no map owes its success to a name.
 
     A map's priors and a fit's constants have local optima. Those of a name are tried without it, and the best map found
-    without any name is then tried beside each.
+    without any name is then tried beside each that is not a static map itself.
     """
 
     def measure(each: Fitted) -> float:
@@ -291,8 +291,9 @@ def _share_maps(alone: Choice, beside: Choice, noise: TrialNoise, scores: TrialS
     shared = [key for key in beside if key != nothing and beside[key].fit.model.output is scores.output]
     better = [beside[key] for key in shared if measure(beside[key]) > least]
     best = max([beside[nothing], *(take_newest_out(each, noise) for each in better)], key=measure)
-    again = {key: put_newest_in(alone[key], best, noise) for key in shared}
-    return {**beside, nothing: best, **{key: max(again[key], beside[key], key=measure) for key in shared}}
+    looked = [key for key in shared if not scores.output.is_static(beside[key].forms[-1])]
+    again = {key: put_newest_in(alone[key], best, noise) for key in looked}
+    return {**beside, nothing: best, **{key: max(again[key], beside[key], key=measure) for key in looked}}
 
 
 def _shortlist(
