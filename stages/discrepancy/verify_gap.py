@@ -134,12 +134,14 @@ def verify_gap(
     verification = pd.DataFrame(rows, columns=list(VERIFICATION.columns))
     driven = verification[(verification["simulation"] == DRIVEN) & (verification["part"] == TEST)]
     over_floor = bound_ratio(verified, last, test, settings, ctx.generator("resample", TEST))
+    opened = [each.take(test) for each in dataset.outputs]
+    counted = {(each.channel, each.element) for each in opened if each.find_counts({}) is not None}
     places = locate_most(gap, channels, named, settings)
     candidates = ranking.loc[ranking["round"] == 1, ["name", "probability", "heldout_gap", "absorbed"]]
     verdict: dict[str, Any] = {
         "status": status,
         "missing_probability": float(found.decision["missing"].iloc[0]),
-        "effects": describe_effects(reproduce_effects(named, driven, settings), amended_values),
+        "effects": describe_effects(reproduce_effects(named, driven, counted, settings), amended_values),
         "suspected": list_suspected(found.suspected_effects),
         "ranking": candidates.to_dict("records"),
         "absorbed": list_confounded(ranking),
@@ -172,7 +174,7 @@ def verify_gap(
         "deviation. Before anything else, look whether columns, units and signs are right, and the plant."
     )
     remarks = [
-        *([uninformative] if left > settings.search.remainder.uninformative_error else []),
+        *([uninformative] if left > 1.0 else []),
         *(describe_scales(dataset.plant) if status == "named" else []),
         *describe_remainder(remainder, status, report),
         *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),

@@ -105,6 +105,18 @@ def test_a_hidden_effect_is_named_explained_drawn_and_simulated(pamid, tmp_path)
     check_amended(pamid, run)
 
 
+@pytest.mark.parametrize(("counts", "names"), [(0.7, []), (5.0, ["quantisation"])])
+def test_counts_of_a_sensor_are_named_where_their_rounding_is_noise_that_matters(counts, names, pamid, tmp_path):
+    samples, meta = record_sound(muscles=("pam1",))
+    size_n = counts * np.median(np.abs(np.diff(samples["force_n"], n=2))) / 0.6745 / 6.0**0.5
+    coarse = samples.assign(force_n=np.round(samples["force_n"] / size_n) * size_n)
+    said, verdict = judge(pamid, tmp_path, coarse, meta, "figures=[]")
+    assert [effect["name"] for effect in verdict["effects"]] == names
+    assert all(effect["reproduced"] and effect["probability"] > 0.98 for effect in verdict["effects"])
+    assert ("force moves in equal steps and stands between them" in said) == bool(names)
+    check_amended(pamid, pamid.runs[0])
+
+
 def check_amended(pamid, run):
     """What was fitted stands in the amended plant, and the simulator takes it as it is."""
     path = run / "documents" / "amended.yaml"

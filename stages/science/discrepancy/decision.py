@@ -11,11 +11,20 @@ from typing import Literal
 import numpy as np
 
 from stages.science.discrepancy.evidence import NONE
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, drop_effects, refit
+from stages.science.discrepancy.fitted_channel import (
+    Fitted,
+    FittedChannel,
+    add_counts,
+    correct_inputs,
+    drop_effects,
+    refit,
+)
 from stages.science.discrepancy.naming import Named
 from stages.science.discrepancy.remainder import Remainder, is_hidden, weigh_remainder
 from stages.science.discrepancy.search import Search
-from stages.science.discrepancy.settings import DiscrepancySettings, RemainderSettings
+from stages.science.discrepancy.settings import DiscrepancySettings, SearchSettings
+from stages.science.output_channels.muscle_channels import QUANTISATION
+from stages.science.output_channels.output_channel import Counts
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, least_p
 
@@ -53,10 +62,11 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     """Return what is said of a dataset whose search has ended.
 
     An effect stands if its probability is enough and the gap of trials left out of the fit falls with it, beside the
-    others that stand, or if exact values show it. The others are taken out again, the newest first. The generator flips
-    signs and draws weights of trials.
+    others that stand, or if exact values show it, as they show a sensor's counts. The others are taken out again, the
+    newest first. The generator flips signs and draws weights of trials.
     """
     limits = settings.search
+    counted = _name_counts(found.outputs, limits)
     bearable = max(settings.significance, least_p(found.outputs[0].output.trials))
     remainders = weigh_remainder(found, found.named, found.steps[-1], limits, generator)
     doubts = {channel: each.doubt for channel, each in remainders.items()}
@@ -77,13 +87,35 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     steps = [found.steps[0], *(_drop(found, each, suspected) for each in reached)]
     if suspected:
         remainders = weigh_remainder(found, stand, steps[-1], limits, generator)
+    for each, counts in counted:
+        stand.append(each)
+        both = enumerate(zip(found.outputs, steps[-1], strict=True))
+        steps.append(
+            [add_counts(fit, counts[place], state.noise) if place in counts else fit for place, (state, fit) in both]
+        )
     unknown = max((each.unknown for each in remainders.values()), default=0.0)
-    missing = 1.0 - found.rounds[0].verdicts.names[NONE] * (1.0 - unknown)
-    blind = any(_is_blind(state, each, limits.remainder) for state, each in zip(found.outputs, steps[-1], strict=True))
+    nothing = found.rounds[0].verdicts.names[NONE] * (1.0 - unknown)
+    missing = 1.0 - min([nothing, *(1.0 - each.probability for each, _ in counted)])
+    blind = any(_is_blind(state, each, limits) for state, each in zip(found.outputs, steps[-1], strict=True))
     left: Status = "unexplained" if blind or missing >= limits.certain else "no_discrepancy"
     return Decision(
         "named" if stand else left, missing, stand, suspected, steps, remainders, blind, max(doubts.values())
     )
+
+
+def _name_counts(outputs: Sequence[FittedChannel], limits: SearchSettings) -> list[tuple[Named, dict[int, Counts]]]:
+    """Return by channel the sensors whose rounding is a part of the noise floor that matters, and their counts."""
+    coarse: dict[tuple[str, str], dict[int, Counts]] = {}
+    for place, state in enumerate(outputs):
+        counts = state.output.find_counts(state.nominal.fit.model.name_values(state.nominal.fit.values)[0])
+        if counts and counts.step**2 / 12.0 > (1.0 - limits.smallest_gap**-2) * state.floor**2:
+            coarse.setdefault((state.output.channel, counts.form.form), {})[place] = counts
+    named = []
+    for (channel, form), its in coarse.items():
+        muscles, forms = tuple(outputs[place].output.element for place in its), (form,) * len(its)
+        sure = limits.exact_probability
+        named.append((Named(QUANTISATION, forms, "sensor", channel, muscles, sure, (), shown=True), its))
+    return named
 
 
 def _drop(found: Search, fits: Sequence[Fitted], dropped: Sequence[Named]) -> list[Fitted]:
@@ -117,8 +149,8 @@ def _compare_left_out(
     return float(compare_signs((old - new)[:, None], generator)[0])
 
 
-def _is_blind(state: FittedChannel, fitted: Fitted, limits: RemainderSettings) -> bool:
+def _is_blind(state: FittedChannel, fitted: Fitted, limits: SearchSettings) -> bool:
     """Return whether what counts as noise hides what there is, or the simulation predicts no better than a mean."""
     error = float(np.sqrt(fitted.raw.sum() / state.samples.sum()))
     measured = state.output.measured[state.output.present]
-    return is_hidden(state, limits) or error > limits.uninformative_error * float(measured.std())
+    return is_hidden(state, limits) or error > float(measured.std())

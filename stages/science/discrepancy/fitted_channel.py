@@ -21,7 +21,7 @@ from stages.science.output_channels.flexible import (
     keep_least,
 )
 from stages.science.output_channels.noise import Noise, estimate_noise, make_plain
-from stages.science.output_channels.output_channel import EffectForm, OutputChannel, map_in_threads
+from stages.science.output_channels.output_channel import Counts, EffectForm, OutputChannel, map_in_threads
 from stages.science.output_channels.trial_noise import TrialNoise
 from stages.science.signals.trajectories import Array
 
@@ -166,15 +166,6 @@ def refit(fitted: Fitted, noise: Noise | TrialNoise, blocks: Blocks | None = Non
     return assess(fit(model, noise, start, iterations=AGAIN), noise)
 
 
-def take_newest_out(fitted: Fitted, noise: Noise | TrialNoise) -> Fitted:
-    """Return a model beside a family without its newest effect, from where it was with it."""
-    model = fitted.fit.model
-    *others, newest = model.forms
-    last = len(model.parameters)
-    start = np.delete(fitted.fit.values, np.s_[last - len(newest.parameters) : last])
-    return assess(fit(replace(model, forms=tuple(others)), noise, start, iterations=AGAIN), noise)
-
-
 def put_newest_in(fitted: Fitted, beside: Fitted, noise: Noise | TrialNoise) -> Fitted:
     """Return a model beside the family of a fit without its newest effect, from where that fit and the effect were."""
     newest, known = fitted.forms[-1], len(beside.fit.model.parameters)
@@ -205,15 +196,23 @@ def assess(found: Fit, noise: Noise | TrialNoise) -> Fitted:
     return Fitted(found, residual, (residual**2).sum(axis=0))
 
 
-def drop_effects(fitted: Fitted, names: Collection[str], noise: Noise) -> Fitted:
-    """Return the fit of a model without some effects; the same where it has none of them."""
+def add_counts(fitted: Fitted, counts: Counts, noise: Noise) -> Fitted:
+    """Return the same fit with a sensor's counts among its effects, which change nothing that is fitted."""
+    model = replace(fitted.fit.model, forms=(*fitted.forms, counts.form))
+    values = np.append(fitted.fit.values, list(counts.parameters.values()))
+    return replace(fitted, fit=fit(model, noise, values, iterations=0))
+
+
+def drop_effects(fitted: Fitted, names: Collection[str], noise: Noise | TrialNoise) -> Fitted:
+    """Return the fit of a model without some effects, beside its family; the same where it has none of them."""
     model = fitted.fit.model
     kept = tuple(form for form in model.forms if form.name not in names)
     if len(kept) == len(model.forms):
         return fitted
     constants, effects = model.name_values(fitted.fit.values)
     own = [constants, *(values for form, values in effects if form in kept)]
-    start = np.array([value for values in own for value in values.values()])
+    named = [value for values in own for value in values.values()]
+    start = np.append(named, fitted.fit.values[len(model.parameters) :])
     return assess(fit(replace(model, forms=kept), noise, start), noise)
 
 

@@ -12,11 +12,11 @@ from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP, Beside
 from stages.science.discrepancy.fitted_channel import (
     Fitted,
     FittedChannel,
+    drop_effects,
     fit_plain,
     put_newest_in,
     refit,
     refit_coloured,
-    take_newest_out,
 )
 from stages.science.discrepancy.screening import Screened
 from stages.science.discrepancy.settings import SearchSettings
@@ -77,8 +77,8 @@ def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) 
     least, worth = 0.5 * (settings.smallest_gap - 1.0), set()
     listed = [[each for each in state.promises if each.form.name not in settings.left_out] for state in outputs]
     for state, promised in zip(outputs, listed, strict=True):
-        gap = state.ratio(state.current.raw) > 1.0 + least or state.output.reveals_saturation()
-        if gap or any(each.raw_gain > least for each in promised):
+        gap = state.ratio(state.current.raw) > 1.0 + least
+        if gap or any(each.raw_gain > least or state.output.shows(each.form) for each in promised):
             worth.add(state.output.channel)
     for place in [place for place, state in enumerate(outputs) if state.output.channel not in worth]:
         listed[place] = [replace(each, gain=0.0, raw_gain=0.0) for each in listed[place]]
@@ -86,9 +86,7 @@ def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) 
 
 
 def rank(
-    outputs: Sequence[FittedChannel],
-    candidates: Sequence[Sequence[Screened]],
-    settings: SearchSettings,
+    outputs: Sequence[FittedChannel], candidates: Sequence[Sequence[Screened]], settings: SearchSettings
 ) -> tuple[Round, list[Choice]]:
     """Return the probabilities of the names and, for each output channel, the fits of the shortlisted forms."""
     close = _shortlist(outputs, candidates, settings)
@@ -159,7 +157,7 @@ def _believe_exact(
     for name, forms in verdicts.forms.items():
         fits = [choice.get((name, form)) for choice, form in zip(choices, forms, strict=True)]
         both = zip(outputs, fits, strict=True)
-        shown = [fitted is not None and _is_shown(state, fitted, settings) for state, fitted in both]
+        shown = [fitted is not None and _is_shown(state, fitted) for state, fitted in both]
         if any(shown) and verdicts.names[name] < sure:
             carries = np.where(shown, 1.0, verdicts.carries[name])
             rest = (1.0 - sure) / (1.0 - verdicts.names[name])
@@ -168,13 +166,10 @@ def _believe_exact(
     return verdicts
 
 
-def _is_shown(state: FittedChannel, fitted: Fitted, settings: SearchSettings) -> bool:
+def _is_shown(state: FittedChannel, fitted: Fitted) -> bool:
     """Return whether exactly repeated values show a form's level, and the simulation would exceed it."""
-    output = state.output
-    if not output.is_exact(fitted.forms[-1]) or not output.reveals_saturation():
-        return False
-    before = float((state.current.fit.residual**2).sum())
-    return float((fitted.fit.residual**2).sum()) < settings.exact_share * before
+    before, after = (float((each.fit.residual**2).sum()) for each in (state.current, fitted))
+    return state.output.shows(fitted.forms[-1]) and after < before
 
 
 def _score_all(
@@ -290,7 +285,7 @@ def _share_maps(alone: Choice, beside: Choice, noise: TrialNoise, scores: TrialS
     least = measure(beside[nothing])
     shared = [key for key in beside if key != nothing and beside[key].fit.model.output is scores.output]
     better = [beside[key] for key in shared if measure(beside[key]) > least]
-    best = max([beside[nothing], *(take_newest_out(each, noise) for each in better)], key=measure)
+    best = max([beside[nothing], *(drop_effects(each, [each.forms[-1].name], noise) for each in better)], key=measure)
     looked = [key for key in shared if not scores.output.is_static(beside[key].forms[-1])]
     again = {key: put_newest_in(alone[key], best, noise) for key in looked}
     return {**beside, nothing: best, **{key: max(again[key], beside[key], key=measure) for key in looked}}
@@ -317,9 +312,8 @@ def _shortlist(
         for scale, most in ((0, settings.shortlist), (1, (settings.shortlist + 1) // 2)):
             kept |= _take_best({key: float(each[scale]) for key, each in own.items()}, most)
     for state, listed in zip(outputs, candidates, strict=True):
-        if state.output.reveals_saturation():
-            exact = [each.form for each in listed if state.output.is_exact(each.form)]
-            kept |= {(state.output.channel, form.name, form.form) for form in exact}
+        exact = [each.form for each in listed if state.output.shows(each.form)]
+        kept |= {(state.output.channel, form.name, form.form) for form in exact}
     return kept
 
 
@@ -372,7 +366,7 @@ def _decide(
     forms = tuple(verdicts.forms[best][place] for place in carriers)
     first = next(form for form in outputs[carriers[0]].output.forms if (form.name, form.form) == (best, forms[0]))
     fits = [choices[place][best, verdicts.forms[best][place]] for place in carriers]
-    shown = any(_is_shown(outputs[place], fitted, settings) for place, fitted in zip(carriers, fits, strict=True))
+    shown = any(_is_shown(outputs[place], fitted) for place, fitted in zip(carriers, fits, strict=True))
     probability = min(verdicts.names[best], settings.certain if any(map(_is_stuck, fits)) else 1.0)
     channel, elements = outputs[carriers[0]].output.channel, tuple(outputs[each].output.element for each in carriers)
     return Named(best, forms, first.site, channel, elements, probability, alternatives[:2], shown)
@@ -416,7 +410,7 @@ def _carriers(
         before = state.ratio(state.current.raw, fitted.raw)
         if is_worth(state, state.current, fitted, settings):
             gains[place] = before
-        elif _is_shown(state, fitted, settings):
+        elif _is_shown(state, fitted):
             gains[place] = max(before, np.nextafter(settings.smallest_gap, np.inf))
     best = max(gains, key=gains.__getitem__, default=None)
     if best is None or gains[best] <= settings.smallest_gap:

@@ -13,8 +13,9 @@ from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, refit
 from stages.science.discrepancy.naming import Named
 from stages.science.discrepancy.search import Search
-from stages.science.discrepancy.settings import RemainderSettings, SearchSettings
+from stages.science.discrepancy.settings import SearchSettings
 from stages.science.output_channels.noise import make_plain
+from stages.science.output_channels.spectral_line import remove_line
 from stages.science.signals.trajectories import Array
 
 DRAWS = 1000
@@ -30,7 +31,8 @@ class Remainder(NamedTuple):
 
     The others are probabilities: `unknown` that it is more than the limit while the gap left is one that matters,
     `ambiguous` that the named effects leave more than forms of one effect differ by, or that they are too many, `doubt`
-    that names of the channel leave something that a static map does not explain either.
+    that names of the channel leave something that a static map does not explain either. An oscillation through all
+    trials, as of a supply, speaks for no name and against none.
     """
 
     share: float
@@ -54,24 +56,23 @@ def weigh_remainder(
     for channel, mapped in found.rounds[-1].verdicts.maps.items():
         states = [state for state in found.outputs if state.output.channel == channel]
         weights = generator.dirichlet(np.ones(len(states[0].samples)), DRAWS)
-        fits = [state.nominal for state in states], [reached[id(state)] for state in states]
-        share, sure = _weigh(states, *fits, weights, settings)
-        left, told, by_map = sure, float(np.median(share)), 0.0
+        fits = [[state.nominal for state in states], [reached[id(state)] for state in states]]
+        raws = [[each.raw for each in some] for some in fits]
+        share, sure = _weigh(states, raws, weights, settings)
+        told, by_map, beside = float(np.median(share)), 0.0, fits
         if mapped >= settings.certain:
-            before, after = (
+            beside = [
                 [refit(own, make_plain(own.spread), state.static_map) for state, own in zip(states, some, strict=True)]
                 for some in fits
-            )
-            unmapped, left = _weigh(states, before, after, weights, settings)
-            ambiguous = float((unmapped > settings.ambiguous_share).mean())
-            now, beside = (_draw_gap(states, weights, [each.raw for each in some]) for some in (fits[1], after))
+            ]
+            now, after = (_draw_gap(states, weights, each) for each in (raws[1], [each.raw for each in beside[1]]))
             least = _draw_gap(states, weights, [state.leftover.raw for state in states])
-            by_map = float(np.median(share * np.clip((now - beside) / np.maximum(now - least, 1e-9), 0.0, 1.0)))
-        else:
-            ambiguous = float((share > settings.ambiguous_share).mean())
+            by_map = float(np.median(share * np.clip((now - after) / np.maximum(now - least, 1e-9), 0.0, 1.0)))
+        calm = [list(map(_square_without_line, states, some)) for some in beside]
+        unmapped, left = _weigh(states, calm, weights, settings)
         added = any(each.forms for each in fits[1])
-        ambiguous = ambiguous if added else 0.0
-        if any(is_hidden(state, settings.remainder) for state in states):
+        ambiguous = float((unmapped > settings.ambiguous_share).mean()) if added else 0.0
+        if any(is_hidden(state, settings) for state in states):
             ambiguous = 1.0 if added else 0.0
             sure = sure if added else max(sure, settings.certain)
         if sum(each.channel == channel and not each.shown for each in named) >= settings.most_effects:
@@ -80,7 +81,7 @@ def weigh_remainder(
         line_hz = float(np.median(lines)) if lines else np.nan
         remembered = MEMORY if any(state.leftover.linear_memory for state in states) else ""
         family = STATIC_MAP if by_map > 0.5 * told else remembered
-        doubt = max(left, settings.remainder.ambiguous_weight * ambiguous)
+        doubt = max(left, settings.ambiguous_weight * ambiguous)
         remainders[channel] = Remainder(
             by_map if family == STATIC_MAP else told, sure, ambiguous, line_hz, family, doubt
         )
@@ -88,22 +89,29 @@ def weigh_remainder(
 
 
 def _weigh(
-    states: Sequence[FittedChannel],
-    before: Sequence[Fitted],
-    after: Sequence[Fitted],
-    weights: Array,
-    settings: SearchSettings,
+    states: Sequence[FittedChannel], raws: Sequence[Sequence[Array]], weights: Array, settings: SearchSettings
 ) -> tuple[Array, float]:
-    """Return the share of the gap that is left under each of the weights, and how often it and the gap matter."""
-    raws = [each.raw for each in before], [each.raw for each in after], [state.leftover.raw for state in states]
-    initial, now, least = (_draw_gap(states, weights, each) for each in raws)
+    """Return the share of the gap that is left under each of the weights, and how often it and the gap matter.
+
+    Gaps before and after are told by sums of squares of trials, (K,), of each output.
+    """
+    least_raws = [state.leftover.raw for state in states]
+    initial, now, least = (_draw_gap(states, weights, each) for each in (*raws, least_raws))
     seen = initial > (1.0 + 0.5 * (settings.smallest_gap - 1.0)) * least  # beside no gap, no share of it means much
     share = np.where(seen, (now - least) / np.maximum(initial - least, 1e-9), 0.0)
     matters = (now > settings.smallest_gap * least) & (share > settings.unexplained_share)
     return share, float(matters.mean())
 
 
-def is_hidden(state: FittedChannel, settings: RemainderSettings) -> bool:
+def _square_without_line(state: FittedChannel, fitted: Fitted) -> Array:
+    """Return the sum of squares of each trial's residual, (K,), without an oscillation that runs through all trials."""
+    residual, line_hz = fitted.residual, state.leftover.line_hz
+    if line_hz is not None:
+        residual = remove_line(residual, state.output.present, state.output.step_s, line_hz)
+    return np.asarray((residual**2).sum(axis=0))
+
+
+def is_hidden(state: FittedChannel, settings: SearchSettings) -> bool:
     """Return whether the noise floor is so high that neither a name nor its absence is certain."""
     floor, white = state.floor / state.output.range, state.noise.white / state.output.range
     return floor > settings.hiding_share and floor > settings.hiding_ratio * white

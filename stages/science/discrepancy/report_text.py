@@ -9,6 +9,7 @@ import pandas as pd
 from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
 from stages.science.discrepancy.settings import DiscrepancySettings, ReportSettings
 from stages.science.discrepancy.signal_names import name_signal
+from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.plant.effect import Parameter, find_effect
 from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.plant import Plant
@@ -88,12 +89,17 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
         f"So much remains: {family} would still take away {_percent(left['share'])} of what was "
         "above the noise; that has no name in the library."
     )
+    closing = (
+        f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} not fitted goes from "
+        f"{_percent(gap['before'])} to {_percent(gap['after'])} of range (interval {_percent(gap['low'])} to "
+        f"{_percent(gap['high'])}, p = {gap['p_value']:.2g})"
+    )
+    if all(each["name"] == QUANTISATION for each in effects):
+        closing = f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, with them as without"
     return [
         *told,
         *([doubt] if left["imitated"] > settings.search.certain else []),
-        f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} not fitted goes from "
-        f"{_percent(gap['before'])} to {_percent(gap['after'])} of range (interval {_percent(gap['low'])} to "
-        f"{_percent(gap['high'])}, p = {gap['p_value']:.2g}); {_compare_with_floor(gap['after'], gap['noise_floor'])}.",
+        f"{closing}; {_compare_with_floor(gap['after'], gap['noise_floor'])}.",
         *([remains] if left["status"] == "unexplained" else []),
         *_describe_suspected(verdict),
     ]
@@ -299,6 +305,8 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
         f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
         f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. {sizes}"
     )
+    if effect["name"] == QUANTISATION:
+        text += " Its rounding is a part of the noise floor that matters, and no model takes it away."
     if not effect["reproduced"]:
         step = effect["step"]
         text += (

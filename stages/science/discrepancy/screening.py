@@ -65,7 +65,7 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[EffectForm]) -> list[Screened
         signed = form.parameters[0].low < 0.0
         gain, scale, confounded = _regress(fit, grams, known + index, signed)
         raw_gain = _regress(fit, plain, known + index, signed)[0]
-        if output.is_exact(form):
+        if output.shows(form):
             scale = 1.0
             gain, raw_gain = (  # of a change that is taken as it is
                 float(2.0 * each.cross[:, known + index].sum() - each.slopes[:, known + index, known + index].sum())

@@ -106,7 +106,7 @@ def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
     bases = [chosen.fit.values[:known]]
     if not newest.scales:  # what sets in somewhere may leave constants far astray
         bases.append(np.concatenate([model.prior[0][:fixed], chosen.fit.values[fixed:known]]))
-    for base, start in product(bases, list_starts(newest, 1 if model.output.is_exact(newest) else FRESH_STARTS)):
+    for base, start in product(bases, list_starts(newest, 1 if model.output.shows(newest) else FRESH_STARTS)):
         values = np.concatenate([base, [start[each.name] for each in newest.parameters]])
         found.append(fit(model, noise, values, iterations=LONG))
     if not newest.scales:
@@ -139,8 +139,7 @@ def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
             without = drop_effects(state.current, [named.name], state.noise)
             keep.append((place, without))
             own = [form for form in state.current.forms if form.name == named.name]
-            given = state.output.reveals_saturation() and any(state.output.is_exact(form) for form in own)
-            worth |= given or is_worth(state, without, state.current, settings)
+            worth |= any(map(state.output.shows, own)) or is_worth(state, without, state.current, settings)
         if not worth:
             for place, without in keep:
                 found.outputs[place] = replace(found.outputs[place], current=without)

@@ -22,15 +22,6 @@ class Tolerance(Declared):
     description: str
 
 
-class RemainderSettings(Declared):
-    """When what is left without a name counts, and when a noise floor hides it."""
-
-    hiding_share: float = Field(gt=0.0, lt=1.0)
-    hiding_ratio: float = Field(ge=1.0)
-    ambiguous_weight: float = Field(ge=0.0, le=1.0)
-    uninformative_error: float = Field(gt=0.0, le=1.0)
-
-
 class SearchSettings(Declared):
     """When a gap matters and a name is accepted."""
 
@@ -51,8 +42,9 @@ class SearchSettings(Declared):
     alternative_share: float = Field(gt=0.0, le=1.0)
     largest_jitter: float = Field(gt=0.0)
     exact_probability: float = Field(gt=0.0, lt=1.0)
-    exact_share: float = Field(gt=0.0, le=1.0)
-    remainder: RemainderSettings
+    hiding_share: float = Field(gt=0.0, lt=1.0)
+    hiding_ratio: float = Field(ge=1.0)
+    ambiguous_weight: float = Field(ge=0.0, le=1.0)
     left_out: list[str] = Field(description="effects that are not looked for")
 
     @model_validator(mode="after")

@@ -17,6 +17,7 @@ from stages.science.discrepancy.residuals import (
     split_by_direction,
 )
 from stages.science.discrepancy.restoring import SearchTables
+from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 
@@ -28,7 +29,7 @@ def trace_effects(dataset: Dataset, found: SearchTables) -> pd.DataFrame:
     mean residual of the amended model without the effect, its standard error over trials, what the effect adds.
     """
     frames = []
-    effects = found.steps[(found.steps["step"] == found.last_step) & (found.steps["effect"] != "")]
+    effects = found.steps[(found.steps["step"] == found.last_step) & ~found.steps["effect"].isin(["", QUANTISATION])]
     for (name, channel), rows in effects.groupby(["effect", "channel"], sort=False):
         muscles = set(rows["muscle"])
         concerned = [each for each in dataset.outputs if each.channel == channel and each.element in muscles]
@@ -42,7 +43,8 @@ def trace_effects(dataset: Dataset, found: SearchTables) -> pd.DataFrame:
             told: dict[str, Any] = {"effect": name, "form": each.form, "channel": channel, "variable": variable}
             told |= {"muscle": output.element, "unit": output.unit}
             frames.append(seen.assign(added=model["mean"].to_numpy(), **told))
-    return pd.concat([each for each in frames if len(each)] or frames, ignore_index=True)
+    frames = [each for each in frames if len(each)] or frames
+    return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=["effect"])
 
 
 class _Traced(NamedTuple):

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.statistics.sign_flips import least_p
 
 DEPENDS_ON = ("channel", "muscle", "share", "low", "high", "hint", "hint_share")
@@ -68,18 +69,24 @@ def locate_most(
     return best[kept].to_dict("records")
 
 
-def reproduce_effects(named: pd.DataFrame, driven: pd.DataFrame, settings: DiscrepancySettings) -> pd.DataFrame:
+def reproduce_effects(
+    named: pd.DataFrame, driven: pd.DataFrame, counted: Collection[tuple[str, str]], settings: DiscrepancySettings
+) -> pd.DataFrame:
     """Return the table `named_effects` with columns ``gap_before gap_after p_step reproduced``, on the test trials.
 
     The gaps are those of the rows of `verification`, by step. An effect is reproduced where the fall from the step
-    before is significant or, with so few trials that none could be, has the least p-value that there can be.
+    before is significant or, with so few trials that none could be, has the least p-value that there can be; counts of
+    a sensor where they show: `counted` are the channels and muscles whose test trials show them.
     """
     gap, p_step = driven["gap"].to_numpy(), driven["p_step"].to_numpy()
     order = named["order"].to_numpy(dtype=int)
     bearable = max(settings.significance, least_p(int(driven["trials"].iloc[0])))
-    return named.assign(
-        gap_before=gap[order - 1], gap_after=gap[order], p_step=p_step[order], reproduced=p_step[order] <= bearable
+    places = zip(named["name"], named["channel"], named["muscle"], strict=True)
+    seen = np.array(
+        [name == QUANTISATION and (channel, muscle) in counted for name, channel, muscle in places], dtype=bool
     )
+    reproduced = seen | (p_step[order] <= bearable)
+    return named.assign(gap_before=gap[order - 1], gap_after=gap[order], p_step=p_step[order], reproduced=reproduced)
 
 
 def list_suspected(suspected: pd.DataFrame) -> list[dict[str, Any]]:

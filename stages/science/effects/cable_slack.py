@@ -2,7 +2,8 @@
 
 `offset_length` makes the muscle shorter by the slack than the joint's geometry says; it goes slack earlier, and while
 always taut this is a zero of contraction. `hanging` loses tension beyond a contraction, where the cable hangs, and
-`opening` slackens a cable that hardly pulls, so that the muscle is shorter until it pulls again.
+`opening` slackens a cable that hardly pulls, so that the muscle is shorter until it pulls again; it opens and closes
+in time, as what guides the cable gives way.
 """
 
 from dataclasses import replace
@@ -10,6 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stages.science.plant.effect import ChainEffect, Parameter, State, Values
+from stages.science.plant.filters import lag
 from stages.science.plant.muscle import compute_tension
 from stages.science.signals.trajectories import Array
 
@@ -26,7 +28,7 @@ def _apply_hanging(signal: Array, state: State, parameters: Values) -> Array:
 def _apply_opening(signal: Array, state: State, parameters: Values) -> Array:
     load = compute_tension(state.pressure_kpa, signal, state.velocity_per_s, state.muscles) / state.muscles.full_force_n
     opened = 1.0 / (1.0 + np.exp(np.clip((load - parameters["load"]) / parameters["width"], -50.0, 50.0)))
-    return signal + parameters["slack"] * opened
+    return signal + parameters["slack"] * lag(opened, parameters["tau_s"], state.step_s)
 
 
 EFFECT = ChainEffect(
@@ -66,6 +68,7 @@ FORMS = (
             EFFECT.parameters[0],
             Parameter("load", "1", 0.005, 0.6, 0.1, 0.1, "load at which half is open, over the largest", (0.05, 0.2)),
             Parameter("width", "1", 0.005, 0.2, 0.03, 0.03, "load over which it opens, over the largest", (0.03,)),
+            Parameter("tau_s", "s", 0.0, 1.0, 0.1, 0.1, "time constant with which it opens and closes", (0.02, 0.1)),
         ),
         signature="force is short at small loads and right at large ones",
         split_by="low pressure and high pressure at the same contraction",

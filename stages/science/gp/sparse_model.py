@@ -81,11 +81,6 @@ class SparseGP:
             variance[block] = prior + np.einsum("mn,mn->n", w, w)
         return mean, variance
 
-    def predict_outputs(self, points: Array) -> tuple[Array, Array]:
-        """Return the predictive mean and variance of y, noise included, at (B, D) points, (B,) each."""
-        mean, variance = self.predict(points)
-        return mean, variance + self.noise_variance
-
 
 def predict_weighted(pseudo: Array, weights: Array, theta: Array, points: Array) -> Array:
     """Return the predictive mean m + w' k_m(x*), (B,), that a sparse GP's weights stand for, without its data.

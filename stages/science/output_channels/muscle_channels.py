@@ -14,8 +14,9 @@ from typing import Any, ClassVar, Literal, Self, cast
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.output_channels.exact_values import find_levels
+from stages.science.output_channels.exact_values import find_count, find_levels
 from stages.science.output_channels.output_channel import (
+    Counts,
     DetectionSettings,
     Driver,
     EffectForm,
@@ -30,8 +31,8 @@ from stages.science.signals.trajectories import Array
 
 EXACT = "saturation"
 """Effect whose level exactly repeated values show."""
-NOT_FITTED = "quantisation"
-"""Effect that is not fitted: it has no derivatives, and what lies between two counts is lost."""
+QUANTISATION = "quantisation"
+"""Effect whose counts the values show. It is not fitted: it has no derivatives, and what it takes away is noise."""
 SAME = 1e-6
 """Difference of two simulations, over the channel's range, up to which they are the same."""
 PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
@@ -109,17 +110,25 @@ class MuscleChannel(OutputChannel):
 
     def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return starting values of a form; of saturation the level that repeated values show, or none."""
+        if form.name == QUANTISATION:
+            return []
         if form.name != EXACT:
             return list_starts(form)
         return [] if self._level is None else [self.name_level(self._level, constants)]
 
-    def is_exact(self, form: EffectForm) -> bool:
-        """Return whether the values show a form's parameter."""
-        return form.name == EXACT
+    def shows(self, form: EffectForm) -> bool:
+        """Return whether the largest value recurs exactly, and the form cuts off at a level."""
+        return form.name == EXACT and self._level is not None
 
-    def reveals_saturation(self) -> bool:
-        """Return whether the largest value recurs exactly."""
-        return self._level is not None
+    def find_counts(self, constants: Mapping[str, float]) -> Counts | None:
+        """Return the counts that the values of this channel's sensor show, as far as an effect has such."""
+        step = find_count(self.measured[self.present], self.limits)
+        if step is None:
+            return None
+        form = next(each for each in self.forms if each.name == QUANTISATION)
+        size, full = form.parameters[0], float(self._collect(constants).full_force_n[0])
+        told = step if size.unit == self.unit else step / full
+        return Counts(form, {size.name: told}, step) if told <= size.high else None
 
     @property
     def _level(self) -> float | None:
@@ -211,7 +220,7 @@ class ForceChannel(MuscleChannel):
 
     def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> ForceChannel:
         """Return the output with the true pressure, where the pressure's sensor has an effect."""
-        placed = [(find_effect(name, form), values) for name, form, values in effects]
+        placed = [(find_effect(name, form), values) for name, form, values in effects if name != QUANTISATION]
         sensor = [
             Acting(effect, values)
             for effect, values in placed
@@ -255,14 +264,14 @@ class ForceChannel(MuscleChannel):
 
 
 def _name_effects(effects: Placed) -> list[tuple[ChainEffect, Mapping[str, float]]]:
-    return [(cast(ChainEffect, form.effect), values) for form, values in effects]
+    return [(cast(ChainEffect, form.effect), values) for form, values in effects if form.name != QUANTISATION]
 
 
 def _offer(sites: Sequence[str], *sensed: str) -> tuple[EffectForm, ...]:
     found = []
     for name in list_effects():
         for effect in list_forms(name):
-            if not isinstance(effect, ChainEffect) or not effect.parameters or name == NOT_FITTED:
+            if not isinstance(effect, ChainEffect) or not effect.parameters:
                 continue
             if effect.site in sites or (effect.site == "sensor" and effect.signal in sensed):
                 found.append(EffectForm(name, effect.form, effect.site, effect.parameters, effect))

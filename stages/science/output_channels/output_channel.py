@@ -60,6 +60,16 @@ class EffectForm:
     """Whether it is judged by some steps of a fit from each of its starts, and not by a slope."""
 
 
+@dataclass(frozen=True)
+class Counts:
+    """A sensor's counts, which its values show: the form that rounds to them, its parameters, the step."""
+
+    form: EffectForm
+    parameters: Mapping[str, float]
+    step: float
+    """In the channel's unit."""
+
+
 Placed = Sequence[tuple[EffectForm, Mapping[str, float]]]
 """Effects with their parameters."""
 Case = tuple[Mapping[str, float], Placed]
@@ -186,17 +196,17 @@ class OutputChannel(ABC):
         """Return starting values of a form's parameters; none where the data exclude the form."""
         return list_starts(form)
 
-    def is_exact(self, form: EffectForm) -> bool:
-        """Return whether the starts of a form come from exactly repeated values, and are used unchanged."""
+    def shows(self, form: EffectForm) -> bool:
+        """Return whether exactly repeated values show a form's parameters, so that its starts are used unchanged."""
         return False
 
     def is_static(self, form: EffectForm) -> bool:
         """Return whether all that a form does follows from the signals of a static map, at the same moment."""
         return False
 
-    def reveals_saturation(self) -> bool:
-        """Return whether exactly repeated values show that the sensor saturates."""
-        return False
+    def find_counts(self, constants: Mapping[str, float]) -> Counts | None:
+        """Return the counts of which all measured values are whole multiples, if they are."""
+        return None
 
     def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> OutputChannel:
         """Return the output with its inputs corrected for effects of upstream sensors; itself where there are none.

@@ -100,7 +100,7 @@ class WholeRecordChannel(OutputChannel):
 
     def _read_level(self, form: EffectForm) -> EffectForm:
         """Return a form with the parameter at the level that exact values show, if they do."""
-        shown, error = self._show(form) if self.is_exact(form) else {}, LEVEL_ERROR
+        shown, error = self._show(form) if _is_exact(form) else {}, LEVEL_ERROR
         told = tuple(
             replace(each, low=value - error, high=value + error, prior_mean=value, prior_sd=error, starts=(value,))
             for each in form.parameters
@@ -213,19 +213,14 @@ class WholeRecordChannel(OutputChannel):
 
     def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return starting values of a form; of saturation the levels that repeated values show, or none."""
-        if self.is_exact(form):
+        if _is_exact(form):
             return [shown] if (shown := self._show(form)) else []
         told = self.plant.list_starts(form.effect, [each.signals for each in self._groups], constants)
         return list_starts(form) if told is None else told
 
-    def is_exact(self, form: EffectForm) -> bool:
-        """Return whether exactly repeated values show a form's parameters, the levels of saturation."""
-        ends = {each.name for each in form.parameters} & set(Levels._fields)
-        return form.name == EXACT and (form.form == FULL or bool(ends))
-
-    def reveals_saturation(self) -> bool:
-        """Return whether the largest or the smallest value comes again and again, exactly."""
-        return self._levels != Levels(None, None)
+    def shows(self, form: EffectForm) -> bool:
+        """Return whether the largest or the smallest value recurs exactly, and the form cuts off at levels."""
+        return _is_exact(form) and self._levels != Levels(None, None)
 
     def take(self, trials: Sequence[int]) -> Self:
         """Return the output with some of its blocks, by position."""
@@ -240,6 +235,12 @@ class WholeRecordChannel(OutputChannel):
         samples = np.arange(len(self.measured))
         taken = [(whole[record], first) for record, first in self.places]
         return np.stack([values[np.minimum(first + samples, len(values) - 1)] for values, first in taken], axis=1)
+
+
+def _is_exact(form: EffectForm) -> bool:
+    """Return whether the parameters of a form are levels."""
+    ends = {each.name for each in form.parameters} & set(Levels._fields)
+    return form.name == EXACT and (form.form == FULL or bool(ends))
 
 
 def build_whole_records(

@@ -21,6 +21,7 @@ def test_a_law_that_is_not_the_nominal_one_gets_no_name(seed):
         ("transport_delay-strong-100160", "transport_delay", "pressure_kpa"),
         ("pressure_late-strong-100179", "channel_misalignment", "pressure_kpa"),
         ("angle_late-strong-100187", "channel_misalignment", "force_n"),
+        ("slack_opening-strong-100126", "cable_slack", "force_n"),
     ],
 )
 def test_what_is_there_beside_a_wrong_law_is_named(session, name, channel):

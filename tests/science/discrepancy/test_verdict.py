@@ -12,6 +12,7 @@ from tests.science.discrepancy.searches import DISCREPANCY, run_records
 from tests.science.discrepancy.simulated_records import move, slide
 
 STEP_S, SAMPLES = 0.02, 1600
+PLACE = {"channel": "force_n", "muscle": "pam1"}
 PARTS = ("parts.fitted=[est]", "parts.verification=[val]")
 
 
@@ -19,9 +20,9 @@ PARTS = ("parts.fitted=[est]", "parts.verification=[val]")
     ("p_step", "trials", "reproduced"), [(0.016, 6, True), (0.3, 6, False), (0.125, 3, True), (0.25, 3, False)]
 )
 def test_the_opened_trials_tell_whether_an_effect_is_reproduced(p_step, trials, reproduced):
-    named = pd.DataFrame([{"order": k + 1, "name": f"e{k}", "probability": 0.9} for k in range(2)])
+    named = pd.DataFrame([{"order": k + 1, "name": f"e{k}", "probability": 0.9, **PLACE} for k in range(2)])
     steps = {"step": range(4), "gap": [0.4, 0.2, 0.1, 0.1], "trials": trials, "p_step": [1, 0.01, p_step, 1]}
-    told = reproduce_effects(named, pd.DataFrame(steps), DISCREPANCY)
+    told = reproduce_effects(named, pd.DataFrame(steps), {tuple(PLACE.values())}, DISCREPANCY)
     assert told["reproduced"].tolist() == [True, reproduced]
     assert told["probability"].tolist() == [0.9, 0.9]
     assert told[["gap_before", "gap_after"]].to_numpy().tolist() == [[0.4, 0.2], [0.2, 0.1]]

@@ -64,47 +64,24 @@ def test_units_are_known_however_they_are_spelled():
     assert read_unit("") is None
 
 
-@pytest.mark.parametrize(
-    ("heading", "name", "unit"),
-    [
-        ("Force (kN)", "Force", "kN"),
-        ("Force [kN]", "Force", "kN"),
-        ("Force / kN", "Force", "kN"),
-        ("Force in kN", "Force", "kN"),
-        ("force_N", "force", "N"),
-        ("p1_kPa", "p1", "kPa"),
-        ("v_m_s", "v", "m/s"),
-        ("w_rad_s", "w", "rad/s"),
-        ("a_m_s2", "a", "m/s2"),
-        ("v_m_per_s", "v", "m/s"),
-        ("Q_l/min", "Q", "l/min"),
-        ("Q_l_min", "Q", "l/min"),
-        ("Q l/min", "Q", "l/min"),
-        ("flow in l/min", "flow", "l/min"),
-        ("Durchfluss m3/h", "Durchfluss", "m3/h"),
-        ("Q_m³/h", "Q", "m3/h"),
-        ("Q [ml/min]", "Q", "ml/min"),
-        ("v/m/s", "v", "m/s"),
-        ("v_m/s", "v", "m/s"),
-        ("a_m/s^2", "a", "m/s2"),
-        ("omega_deg/s", "omega", "deg/s"),
-        ("omega °/s", "omega", "deg/s"),
-        ("n / 1/min", "n", "rpm"),
-        ("n_1/min", "n", "rpm"),
-        ("Temp °C", "Temp", "degC"),
-        ("T°C", "T", "degC"),
-        ("Level %", "Level", "percent"),
-        ("Level_%", "Level", "percent"),
-        ("Winkel °", "Winkel", "deg"),
-        ("M_N m", "M", "N m"),
-        ("M/Nm", "M", "N m"),
-        ("t/s", "t", "s"),
-        ("Zeit/ms", "Zeit", "ms"),
-        ("t_min", "t", "min"),
-        ("t_sec", "t", "s"),
-        ("x_1/mm", "x_1", "mm"),
-    ],
-)
+# fmt: off
+HEADINGS = [
+    ("Force (kN)", "Force", "kN"), ("Force [kN]", "Force", "kN"), ("Force / kN", "Force", "kN"),
+    ("Force in kN", "Force", "kN"), ("force_N", "force", "N"), ("p1_kPa", "p1", "kPa"), ("v_m_s", "v", "m/s"),
+    ("w_rad_s", "w", "rad/s"), ("a_m_s2", "a", "m/s2"), ("v_m_per_s", "v", "m/s"), ("Q_l/min", "Q", "l/min"),
+    ("Q_l_min", "Q", "l/min"), ("Q l/min", "Q", "l/min"), ("flow in l/min", "flow", "l/min"),
+    ("Durchfluss m3/h", "Durchfluss", "m3/h"), ("Q_m³/h", "Q", "m3/h"), ("Q [ml/min]", "Q", "ml/min"),
+    ("v/m/s", "v", "m/s"), ("v_m/s", "v", "m/s"), ("a_m/s^2", "a", "m/s2"), ("omega_deg/s", "omega", "deg/s"),
+    ("omega °/s", "omega", "deg/s"), ("n / 1/min", "n", "rpm"), ("n_1/min", "n", "rpm"),
+    ("Temp °C", "Temp", "degC"), ("T°C", "T", "degC"), ("Level %", "Level", "percent"),
+    ("Level_%", "Level", "percent"), ("Winkel °", "Winkel", "deg"), ("M_N m", "M", "N m"), ("M/Nm", "M", "N m"),
+    ("t/s", "t", "s"), ("Zeit/ms", "Zeit", "ms"), ("t_min", "t", "min"), ("t_sec", "t", "s"),
+    ("x_1/mm", "x_1", "mm"),
+]
+# fmt: on
+
+
+@pytest.mark.parametrize(("heading", "name", "unit"), HEADINGS)
 def test_headings_state_their_units(heading, name, unit):
     assert read_heading(heading)[:2] == (name, unit)
 
