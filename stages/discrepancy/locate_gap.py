@@ -26,12 +26,7 @@ from stages.science.discrepancy.resampling import find_interval, resample
 from stages.science.discrepancy.residuals import average_loops, average_plane
 from stages.science.discrepancy.restoring import list_residuals
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.figures.located_gap import (
-    draw_gap_bars,
-    draw_gap_map,
-    draw_residual_loops,
-    draw_residual_plane,
-)
+from stages.science.figures.located_gap import draw_gap_bars, draw_gap_map, draw_residual_loops, draw_residual_plane
 from stages.science.plant.machine import Machine
 from stages.science.recording.measured_tables import MeasuredTables
 

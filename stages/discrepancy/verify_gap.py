@@ -49,6 +49,7 @@ from stages.science.discrepancy.verification import (
     verify,
 )
 from stages.science.figures.verified_gap import draw_effect_signature, draw_gap_waterfall, draw_verified_trials
+from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.plant.effect import find_effect
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import Machine
@@ -135,7 +136,7 @@ def verify_gap(
     driven = verification[(verification["simulation"] == DRIVEN) & (verification["part"] == TEST)]
     over_floor = bound_ratio(verified, last, test, settings, ctx.generator("resample", TEST))
     opened = [each.take(test) for each in dataset.outputs]
-    counted = {(each.channel, each.element) for each in opened if each.find_counts({}) is not None}
+    counted = {(QUANTISATION, each.channel, each.element) for each in opened if each.find_counts({}) is not None}
     places = locate_most(gap, channels, named, settings)
     candidates = ranking.loc[ranking["round"] == 1, ["name", "probability", "heldout_gap", "absorbed"]]
     verdict: dict[str, Any] = {

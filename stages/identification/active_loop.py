@@ -27,7 +27,7 @@ from stages.science.gp.interaction import Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.muscle_models.description import describe_choice, describe_models
 from stages.science.muscle_models.error_rates import ForceTest
-from stages.science.muscle_models.loop_settings import DesignSettings, Movements
+from stages.science.muscle_models.loop_settings import DesignSettings, Movements, refuse_repeats
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import keep_usable, spread_evenly, take
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -125,13 +125,7 @@ class ActiveLoop(DesignSettings):
 
     @model_validator(mode="after")
     def _name_controls_once(self) -> Self:
-        controls = self.controls or []
-        twice = [name for name in controls if controls.count(name) > 1]
-        if twice:
-            raise ValueError(
-                f"controls: expected each control once, got {twice[0]} {controls.count(twice[0])} times; "
-                f"set active_loop.controls=[{','.join(dict.fromkeys(controls))}]"
-            )
+        refuse_repeats(self.controls or [], "active_loop")
         return self
 
 

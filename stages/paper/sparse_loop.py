@@ -29,7 +29,7 @@ from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.sparse_interaction import SparseDesign, SparseInteraction
 from stages.science.muscle_models.cost import measure_cost
 from stages.science.muscle_models.description import describe_choice, describe_models
-from stages.science.muscle_models.loop_settings import Movements
+from stages.science.muscle_models.loop_settings import Movements, refuse_repeats
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import thin
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -120,12 +120,7 @@ class SparseLoop(Section):
 
     @model_validator(mode="after")
     def _name_controls_once(self) -> Self:
-        twice = [name for name in self.controls if self.controls.count(name) > 1]
-        if twice:
-            raise ValueError(
-                f"controls: expected each control once, got {twice[0]} {self.controls.count(twice[0])} times; "
-                f"set sparse_loop.controls=[{','.join(dict.fromkeys(self.controls))}]"
-            )
+        refuse_repeats(self.controls, "sparse_loop")
         return self
 
 

@@ -23,7 +23,7 @@ from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import TrialScores, compare_by
 from stages.science.output_channels.families import join
 from stages.science.output_channels.noise import Noise, make_plain
-from stages.science.output_channels.output_channel import OutputChannel, map_in_threads
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel, map_in_threads
 from stages.science.output_channels.trial_noise import TrialNoise, estimate_trial_noise, split_residual
 from stages.science.signals.trajectories import Array
 
@@ -180,7 +180,7 @@ def _score_all(
 ) -> tuple[Beside, Beside, list[dict[str, Array]]]:
     """Return the scores of all models, a memory among them, without and with a static map, and what families leave.
 
-    A form that is itself a static map is not looked at beside one.
+    A form that starts as a static map is not looked at beside one, and one that is fitted as such says nothing there.
     """
     corrected = _fit_corrected(outputs, choices)
     extended = [dict(choice) for choice in choices]
@@ -209,7 +209,7 @@ def _score_all(
         none = np.array([each[NONE, ""] for each in scores])
         forms: dict[tuple[str, str], dict[int, float]] = {}
         for place, (listed, own) in enumerate(zip(candidates, scores, strict=True)):
-            looked = [each.form for each in listed if not (mapped and outputs[place].output.is_static(each.form))]
+            looked = [each.form for each in listed if not (mapped and _is_static(outputs[place], each.form, settings))]
             for key in [*((form.name, form.form) for form in looked), *(key for key in own if key[0] == MEMORY)]:
                 forms.setdefault(key, {})[place] = own.get(key, none[place])
         both.append(Beside(none, forms))
@@ -262,16 +262,32 @@ def _score_output(
         remembering = refit(nothing, judge_by(nothing), join(state.static_map, state.memory))
         if output.jitters:  # in parts of one record a movement repeats, and a map of it tells whatever follows from it
             scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
-            beside = _share_maps(alone, beside, common, scores)
+            beside = _share_maps(alone, beside, common, scores, settings)
             again = refit(nothing, common, join(beside[NONE, ""].blocks, state.memory))
             remembering = max(again, remembering, key=lambda each: scores.score(each.residual))
         beside[MEMORY, ""] = remembering
         left |= {STATIC_MAP: beside[NONE, ""].raw, MEMORY: alone[MEMORY, ""].raw}
     scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
-    return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, beside)], left
+    telling = {key: each for key, each in beside.items() if key not in choice or not _is_patch(each, settings)}
+    return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, telling)], left
 
 
-def _share_maps(alone: Choice, beside: Choice, noise: TrialNoise, scores: TrialScores) -> Choice:
+def _is_static(state: FittedChannel, form: EffectForm, settings: SearchSettings) -> bool:
+    """Return whether a form at the last of its starts is a static map itself."""
+    start = {each.name: each.starts[-1] for each in form.parameters}
+    return state.output.find_past_share(form, start) < settings.static_share
+
+
+def _is_patch(fitted: Fitted, settings: SearchSettings) -> bool:
+    """Return whether a form was added to an output, and as it was fitted it is a static map itself."""
+    model = fitted.fit.model
+    newest = model.name_values(fitted.fit.values)[1][-1:]
+    return any(model.output.find_past_share(*each) < settings.static_share for each in newest)
+
+
+def _share_maps(
+    alone: Choice, beside: Choice, noise: TrialNoise, scores: TrialScores, settings: SearchSettings
+) -> Choice:
     """Return the better fits beside the static map that serves nothing best: no map owes its success to a name.
 
     A map's priors and a fit's constants have local optima. Those of a name are tried without it, and the best map found
@@ -286,7 +302,7 @@ def _share_maps(alone: Choice, beside: Choice, noise: TrialNoise, scores: TrialS
     shared = [key for key in beside if key != nothing and beside[key].fit.model.output is scores.output]
     better = [beside[key] for key in shared if measure(beside[key]) > least]
     best = max([beside[nothing], *(drop_effects(each, [each.forms[-1].name], noise) for each in better)], key=measure)
-    looked = [key for key in shared if not scores.output.is_static(beside[key].forms[-1])]
+    looked = [key for key in shared if not _is_patch(beside[key], settings)]
     again = {key: put_newest_in(alone[key], best, noise) for key in looked}
     return {**beside, nothing: best, **{key: max(again[key], beside[key], key=measure) for key in looked}}
 
@@ -305,7 +321,7 @@ def _shortlist(
             key = (state.output.channel, each.form.name, each.form.form)
             gains = np.maximum([each.gain, each.raw_gain], 0.0)
             promised[key] = promised.get(key, np.zeros(2)) + gains
-            static[key] = static.get(key) or state.output.is_static(each.form)
+            static[key] = static.get(key) or _is_static(state, each.form, settings)
     kept: set[tuple[str, str, str]] = set()
     for kind in {(key[0], static[key]) for key in promised}:
         own = {key: each for key, each in promised.items() if (key[0], static[key]) == kind}
@@ -356,7 +372,7 @@ def _decide(
     if verdicts.names[best] <= max(verdicts.names[NONE], *(verdicts.names[each] for each in verdicts.families)):
         return None
     closed = {name: gaps[NONE] - gaps[name] for name in possible}
-    like = settings.alternative_share * closed[best]
+    like = (1.0 - settings.ambiguous_share) * closed[best]
     carriers = carried[best]
     alternatives = tuple(
         name

@@ -7,7 +7,6 @@ import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.statistics.sign_flips import least_p
 
 DEPENDS_ON = ("channel", "muscle", "share", "low", "high", "hint", "hint_share")
@@ -70,22 +69,19 @@ def locate_most(
 
 
 def reproduce_effects(
-    named: pd.DataFrame, driven: pd.DataFrame, counted: Collection[tuple[str, str]], settings: DiscrepancySettings
+    named: pd.DataFrame, driven: pd.DataFrame, counted: Collection[tuple[str, str, str]], settings: DiscrepancySettings
 ) -> pd.DataFrame:
     """Return the table `named_effects` with columns ``gap_before gap_after p_step reproduced``, on the test trials.
 
     The gaps are those of the rows of `verification`, by step. An effect is reproduced where the fall from the step
     before is significant or, with so few trials that none could be, has the least p-value that there can be; counts of
-    a sensor where they show: `counted` are the channels and muscles whose test trials show them.
+    a sensor where they show: `counted` are effect, channel and muscle of those that the test trials show.
     """
     gap, p_step = driven["gap"].to_numpy(), driven["p_step"].to_numpy()
     order = named["order"].to_numpy(dtype=int)
     bearable = max(settings.significance, least_p(int(driven["trials"].iloc[0])))
-    places = zip(named["name"], named["channel"], named["muscle"], strict=True)
-    seen = np.array(
-        [name == QUANTISATION and (channel, muscle) in counted for name, channel, muscle in places], dtype=bool
-    )
-    reproduced = seen | (p_step[order] <= bearable)
+    seen = [place in counted for place in zip(named["name"], named["channel"], named["muscle"], strict=True)]
+    reproduced = (p_step[order] <= bearable) | np.array(seen, dtype=bool)
     return named.assign(gap_before=gap[order - 1], gap_after=gap[order], p_step=p_step[order], reproduced=reproduced)
 
 

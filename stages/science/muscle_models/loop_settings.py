@@ -3,6 +3,8 @@
 Values of the configuration flow in; a `Design` of the GP's flows out.
 """
 
+from collections import Counter
+from collections.abc import Sequence
 from dataclasses import fields
 from typing import Annotated, Literal, Self
 
@@ -92,3 +94,11 @@ class LoopSettings(DesignSettings):
                     f"got {getattr(self, name)}; lower it"
                 )
         return self
+
+
+def refuse_repeats(controls: Sequence[str], section: str) -> None:
+    """Raise a `ValueError` where one of a loop's controls is there twice."""
+    for name, times in Counter(controls).items():
+        if times > 1:
+            once = f"set {section}.controls=[{','.join(dict.fromkeys(controls))}]"
+            raise ValueError(f"controls: expected each control once, got {name} {times} times; {once}")

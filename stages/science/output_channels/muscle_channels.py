@@ -33,8 +33,6 @@ EXACT = "saturation"
 """Effect whose level exactly repeated values show."""
 QUANTISATION = "quantisation"
 """Effect whose counts the values show. It is not fitted: it has no derivatives, and what it takes away is noise."""
-SAME = 1e-6
-"""Difference of two simulations, over the channel's range, up to which they are the same."""
 PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
 
 
@@ -203,10 +201,10 @@ class ForceChannel(MuscleChannel):
         signals = records.smooth_pressure_kpa, records.contraction, records.velocity_per_s
         return predict_force(*signals, muscles, placed, records.step_s, records.start_s, self.load_cell_site)
 
-    def is_static(self, form: EffectForm) -> bool:
-        """Return whether a form's force follows from pressure and contraction at the same moment.
+    def find_past_share(self, form: EffectForm, values: Mapping[str, float]) -> float:
+        """Return the share of a form's force that does not follow from pressure and contraction at the same moment.
 
-        Such a force is the same, moment by moment, when the motion runs backwards.
+        What follows from them is the same, moment by moment, when the motion runs backwards.
         """
         forward = self.take([0])
         signals = ("command_kpa", "pressure_kpa", "smooth_pressure_kpa", "contraction", "velocity_per_s", "force_n")
@@ -214,9 +212,10 @@ class ForceChannel(MuscleChannel):
         turned["velocity_per_s"] = -turned["velocity_per_s"]
         backward = forward.from_signals(turned)
         constants = {**{each.name: each.prior_mean for each in self.constants}, "damping_n_s": 0.0}
-        placed = [(form, {each.name: each.starts[0] for each in form.parameters})]
+        placed = [(form, values)]
         there, back = (each.simulate(constants, placed) - each.simulate(constants, []) for each in (forward, backward))
-        return bool(np.abs(there[::-1] - back).max() <= SAME * self.range)
+        whole = float(np.linalg.norm(there))
+        return 0.5 * float(np.linalg.norm(there[::-1] - back)) / whole if whole > 0.0 else 0.0
 
     def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> ForceChannel:
         """Return the output with the true pressure, where the pressure's sensor has an effect."""

@@ -200,9 +200,9 @@ class OutputChannel(ABC):
         """Return whether exactly repeated values show a form's parameters, so that its starts are used unchanged."""
         return False
 
-    def is_static(self, form: EffectForm) -> bool:
-        """Return whether all that a form does follows from the signals of a static map, at the same moment."""
-        return False
+    def find_past_share(self, form: EffectForm, values: Mapping[str, float]) -> float:
+        """Return the share of what a form does that does not follow from a static map's signals at the same moment."""
+        return 1.0
 
     def find_counts(self, constants: Mapping[str, float]) -> Counts | None:
         """Return the counts of which all measured values are whole multiples, if they are."""

@@ -124,9 +124,17 @@ def test_a_shorter_trial_shortens_no_other():
         np.testing.assert_allclose(output.measured[output.present], own.to_numpy()[output.present])
 
 
-def test_an_effect_is_static_if_reversed_time_leaves_its_force():
+def test_the_share_that_the_past_makes_is_zero_if_reversed_time_leaves_the_force():
     built = build_muscle_channels(tabulate_session(*record_session(trials=2, muscles=("pam1",)), "two"), DISCREPANCY)
     force = next(each for each in built if each.channel == "force_n")
-    static = {form.name for form in force.forms if force.is_static(form)}
-    assert {"cubic_stiffness", "series_elasticity", "sensor_gain", "threshold_pressure"} <= static
-    assert not static & {"hysteresis", "creep", "coulomb_friction", "viscous_friction", "channel_misalignment"}
+
+    def share(form, **values):
+        return force.find_past_share(form, {each.name: each.starts[-1] for each in form.parameters} | values)
+
+    shares = {form.name: share(form) for form in force.forms}
+    assert all(shares[name] < 1e-6 for name in ("cubic_stiffness", "moment_arm_variation", "sensor_gain"))
+    assert all(shares[name] > 0.2 for name in ("hysteresis", "creep", "coulomb_friction", "channel_misalignment"))
+    assert shares["viscous_friction"] == pytest.approx(1.0, abs=0.01)
+    opening = next(form for form in force.forms if form.form == "opening")
+    at_once, late = (share(opening, slack=0.03, load=0.2, tau_s=tau_s) for tau_s in (0.0, 0.1))
+    assert at_once < 1e-6 < 0.2 < late
