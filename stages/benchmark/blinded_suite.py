@@ -156,7 +156,7 @@ def _search(cfg: Config, ctx: Context, name: str) -> dict[str, pd.DataFrame]:
         BLIND_SESSIONS.name: [row],
         BLIND_TRUTH.name: _list_hidden(recorded.truth),
         BLIND_NAMED.name: [{**each, "not_excluded": each["indistinguishable_from"]} for each in named],
-        BLIND_RANKING.name: _list_ranking(judged, settings.search.most_confounded),
+        BLIND_RANKING.name: _list_ranking(judged, settings.report.most_confounded),
     }
     return {
         table.name: pd.DataFrame(rows[table.name]).assign(session=name).reindex(columns=list(table.columns))

@@ -30,10 +30,7 @@ from stages.science.figures.located_gap import draw_gap_bars, draw_gap_map, draw
 from stages.science.plant.machine import Machine
 from stages.science.recording.measured_tables import MeasuredTables
 
-OUTPUT = {
-    "channel": column(str, "measured channel"),
-    "muscle": column(str, "muscle, or name of the machine"),
-}
+OUTPUT = {"channel": column(str, "measured channel"), "muscle": column(str, "muscle, or name of the machine")}
 TRIAL_PARTS = Table(
     "trial_parts",
     "A trial and what it is for",

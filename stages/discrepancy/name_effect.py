@@ -122,7 +122,7 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
         for channel, each in decision.remainders.items()
     ]
     rows: list[list[Any]] = [
-        rank_first(found, decision.doubt, settings.search.most_confounded),
+        rank_first(found, decision.doubt, settings.report.most_confounded),
         [{name: getattr(decision, name) for name in DECISION.columns}],
         list_named(decision.effects),
         list_named(decision.suspected),

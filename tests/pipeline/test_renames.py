@@ -55,7 +55,7 @@ WORKFLOW = "defaults:\n  - identification\n  - /rivals: stated\n"
         (f"{GAP} plant=first_order +plant.pace_s=1", "unknown key 'plant.pace_s': {plant.time_scale_s}"),
         (
             f"{GAP} discrepancy.search.absorbed=0.9",
-            "discrepancy.search.absorbed': {discrepancy.search.most_confounded}",
+            "discrepancy.search.absorbed': {discrepancy.report.most_confounded}",
         ),
         (f"{GAP} plant={{folder}}/machine.yaml", "unknown key 'plant.pace_s': {plant.time_scale_s}"),
         ("--config-dir={folder} workflow=mine", "unknown group 'rivals': {baselines}"),

@@ -113,7 +113,7 @@ def _name_counts(outputs: Sequence[FittedChannel], limits: SearchSettings) -> li
     named = []
     for (channel, form), its in coarse.items():
         muscles, forms = tuple(outputs[place].output.element for place in its), (form,) * len(its)
-        sure = limits.exact_probability
+        sure = 1.0 - limits.family_prior
         named.append((Named(QUANTISATION, forms, "sensor", channel, muscles, sure, (), shown=True), its))
     return named
 

@@ -153,7 +153,7 @@ def _believe_exact(
     outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts, settings: SearchSettings
 ) -> Verdicts:
     """Return the verdicts with effects that exactly repeated values show as nearly certain, whatever their gain."""
-    sure = settings.exact_probability
+    sure = 1.0 - settings.family_prior
     for name, forms in verdicts.forms.items():
         fits = [choice.get((name, form)) for choice, form in zip(choices, forms, strict=True)]
         both = zip(outputs, fits, strict=True)
@@ -275,14 +275,14 @@ def _score_output(
 def _is_static(state: FittedChannel, form: EffectForm, settings: SearchSettings) -> bool:
     """Return whether a form at the last of its starts is a static map itself."""
     start = {each.name: each.starts[-1] for each in form.parameters}
-    return state.output.find_past_share(form, start) < settings.static_share
+    return state.output.find_past_share(form, start) < settings.least_share
 
 
 def _is_patch(fitted: Fitted, settings: SearchSettings) -> bool:
     """Return whether a form was added to an output, and as it was fitted it is a static map itself."""
     model = fitted.fit.model
     newest = model.name_values(fitted.fit.values)[1][-1:]
-    return any(model.output.find_past_share(*each) < settings.static_share for each in newest)
+    return any(model.output.find_past_share(*each) < settings.least_share for each in newest)
 
 
 def _share_maps(
@@ -406,7 +406,7 @@ def is_worth(state: FittedChannel, without: Fitted, fitted: Fitted, settings: Se
     """
     before, after, first = (state.ratio(each.raw, fitted.raw) for each in (without, fitted, state.nominal))
     needed = min(settings.least_share * (first - 1.0), max(1.0, settings.least_rest * before))
-    return before - after > max(settings.least_gain, needed)
+    return before - after > max(settings.unexplained_share * (settings.smallest_gap - 1.0), needed)
 
 
 def _carriers(

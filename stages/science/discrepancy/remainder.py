@@ -113,8 +113,7 @@ def _square_without_line(state: FittedChannel, fitted: Fitted) -> Array:
 
 def is_hidden(state: FittedChannel, settings: SearchSettings) -> bool:
     """Return whether the noise floor is so high that neither a name nor its absence is certain."""
-    floor, white = state.floor / state.output.range, state.noise.white / state.output.range
-    return floor > settings.hiding_share and floor > settings.hiding_ratio * white
+    return bool(state.floor**2 - state.noise.white**2 > (settings.hiding_share * state.output.range) ** 2)
 
 
 def _draw_gap(states: Sequence[FittedChannel], weights: Array, raws: Sequence[Array]) -> Array:

@@ -26,7 +26,6 @@ class SearchSettings(Declared):
     """When a gap matters and a name is accepted."""
 
     smallest_gap: float = Field(gt=1.0, le=10.0)
-    least_gain: float = Field(ge=0.0, le=1.0)
     least_share: float = Field(ge=0.0, le=1.0)
     least_rest: float = Field(ge=0.0, le=1.0)
     unexplained_share: float = Field(gt=0.0, lt=1.0)
@@ -34,16 +33,12 @@ class SearchSettings(Declared):
     most_evidence: float = Field(gt=0.0)
     family_prior: float = Field(gt=0.0, lt=0.5)
     static_prior: float = Field(gt=0.0, lt=0.5)
-    static_share: float = Field(gt=0.0, lt=1.0)
     shortlist: int = Field(ge=1, le=100)
     most_effects: int = Field(ge=1, le=10)
-    most_confounded: float = Field(gt=0.5, lt=1.0)
     none_prior: float = Field(gt=0.0, lt=1.0)
     certain: float = Field(gt=0.0, lt=1.0)
     largest_jitter: float = Field(gt=0.0)
-    exact_probability: float = Field(gt=0.0, lt=1.0)
     hiding_share: float = Field(gt=0.0, lt=1.0)
-    hiding_ratio: float = Field(ge=1.0)
     ambiguous_weight: float = Field(ge=0.0, le=1.0)
     left_out: list[str] = Field(description="effects that are not looked for")
 
@@ -81,6 +76,7 @@ class ReportSettings(Declared):
 
     few_trials: int = Field(ge=2)
     high_floor: float = Field(ge=1.0)
+    most_confounded: float = Field(gt=0.5, lt=1.0)
     concentrated: float = Field(ge=1.0)
     least_share: float = Field(ge=0.0, le=1.0)
     nearest_gap: float = Field(gt=0.0, le=1.0)

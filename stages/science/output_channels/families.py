@@ -10,7 +10,7 @@ from itertools import combinations_with_replacement
 
 import numpy as np
 
-from stages.science.output_channels.features import list_memory
+from stages.science.output_channels.features import list_aside, list_memory
 from stages.science.output_channels.fitting import Family, Fit, collect_white, take_grams
 from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import OutputChannel
@@ -65,9 +65,10 @@ def build_static_map(output: OutputChannel) -> Blocks:
 
 
 def build_memory(output: OutputChannel) -> Blocks:
-    """Return a memory of an output's own signals, as the output responds to it."""
-    columns = list_memory(output)
-    return _respond(output, columns, [[np.full(columns.shape[2], each) for each in (*SCALES, 0.1)]])
+    """Return a memory of an output's own signals, and other measured ones as they are, as the output responds."""
+    blocks = list_memory(output), list_aside(output)
+    tried = [[np.full(block.shape[2], each) for each in (*SCALES, 0.1)] for block in blocks]
+    return _respond(output, np.concatenate(blocks, axis=2), tried)
 
 
 def join(*families: Blocks) -> Blocks:

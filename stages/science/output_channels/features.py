@@ -70,6 +70,12 @@ def list_memory(output: OutputChannel) -> Array:
     return np.stack([_standardise(column) for column in columns], axis=2)
 
 
+def list_aside(output: OutputChannel) -> Array:
+    """Return measured signals from elsewhere, (T, K, F): of other elements, upstream, and of how the motion changes."""
+    aside = [_standardise(each.values) for each in output.drivers() if not each.own]
+    return np.stack(aside, axis=2) if aside else np.empty((*output.measured.shape, 0))
+
+
 def list_histories(output: OutputChannel) -> list[Driver]:
     """Return the past of an output's signals: where each was lately, the distance moved so far, how others change."""
     found, step = [], output.step_s / output.time_scale_s

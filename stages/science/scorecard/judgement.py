@@ -108,8 +108,7 @@ def search_with_truth(judged: Judgement, names: Collection[str], generator: np.r
 
     `generator` draws weights of trials.
     """
-    every = ("least_gain", "least_share", "least_rest")
-    easy = {"smallest_gap": 1.0, **dict.fromkeys(every, 0.0), "none_prior": 1e-9, "most_effects": len(names)}
+    easy = {"smallest_gap": 1.0, "least_share": 0.0, "least_rest": 0.0, "none_prior": 1e-9, "most_effects": len(names)}
     states = [replace(state, output=_restrict(state.output, names)) for state in judged.prepared]
     return search(states, judged.settings.search.model_copy(update=easy), generator)
 

@@ -1,8 +1,15 @@
 """Sessions of machines whose static law is not the textbook's: what has no name gets none, what has one keeps it."""
 
+from dataclasses import replace
+
+import numpy as np
 import pytest
 
-from tests.benchmark.test_verdicts import decide_on
+from stages.benchmark.blinded_rig.dataset import simulate
+from stages.benchmark.blinded_rig.scenarios import named_scenario
+from tests.benchmark.test_verdicts import decide_on, judge_session
+
+TRIALS = 16
 
 
 @pytest.mark.parametrize("seed", [100000, *(pytest.param(k, marks=pytest.mark.slow) for k in (100001, 100009, 100025))])
@@ -10,6 +17,29 @@ def test_a_law_that_is_not_the_nominal_one_gets_no_name(seed):
     said = decide_on(f"foreign_building:none-{seed}")
     assert (said.status, said.effects) == ("unexplained", [])
     assert said.remainders["force_n"].family == "static_map"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(3))
+def test_a_law_wrong_by_8_in_1000_with_gains_of_1_in_100_gets_no_name(seed):
+    made = simulate(replace(named_scenario(f"none-{300 + seed}"), trials=TRIALS))
+    rows, rng = made.samples, np.random.default_rng(seed)
+    full, pressed = (rows.groupby("muscle")[name].transform("max") for name in ("force_n", "pressure_kpa"))
+    bent = np.sin(5.0 * rows["pressure_kpa"] / pressed + 20.0 * rows["contraction"] + rng.uniform(0.0, 6.0))
+    trial = rows.groupby(["trial", "muscle"]).ngroup()
+    gain = 1.0 + 0.01 * rng.standard_normal(trial.max() + 1)[trial]
+    measured = gain * (rows["force_n"] + 0.008 * np.sqrt(2.0) * full * bent)
+    said = judge_session(replace(made, samples=rows.assign(force_n=measured)), TRIALS).decision
+    assert (said.status, said.effects) == ("unexplained", [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "session", ["eccentric_pulley-medium-100248", "bulge-strong-100260", "valve_current-strong-100265"]
+)
+def test_what_the_library_does_not_hold_gets_no_name(session):
+    said = decide_on(f"foreign_building:{session}")
+    assert (said.status, said.effects) == ("unexplained", [])
 
 
 @pytest.mark.slow
