@@ -6,15 +6,16 @@ processes of different widths the rest.
 """
 
 from collections.abc import Sequence
+from functools import cache
 from itertools import combinations_with_replacement
 
 import numpy as np
 
 from stages.science.output_channels.features import list_aside, list_memory
-from stages.science.output_channels.fitting import Family, Fit, collect_white, take_grams
+from stages.science.output_channels.fitting import Family, Fit, collect_grams, whiten_by
 from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import OutputChannel
-from stages.science.output_channels.trial_noise import TrialNoise, multiply_parts
+from stages.science.output_channels.trial_noise import TrialNoise, split_signals
 from stages.science.signals.trajectories import Array
 
 DEGREES = {1: 6, 2: 5}
@@ -117,22 +118,27 @@ def choose_family(fit: Fit, noise: Noise | TrialNoise, columns: Array, tried: Se
     twice.
     """
     output, free = fit.model.output, np.flatnonzero(fit.free)
-    simulated = noise.simulated if isinstance(noise, TrialNoise) else output.measured - fit.residual
     together = np.concatenate([fit.slopes[:, :, free], columns, fit.residual[:, :, None]], axis=2)
-    whole = collect_white(together, output, noise)
-    shape = take_grams(multiply_parts(together, simulated, output)[0], output)
+    white = whiten_by(noise, together, output)
+    if isinstance(noise, TrialNoise):
+        bare = white[: len(together)]  # over its standard deviation, which chooses nothing else
+    else:
+        bare = split_signals(together, output.measured - fit.residual, output)[0]
+    whole, shape = (collect_grams(each[:, :, :-1], each[:, :, -1], output.present) for each in (white, bare))
     mean, prior_sd = fit.model.prior
     pull = np.append(((mean - fit.values) / prior_sd**2)[free], np.zeros(columns.shape[2]))
     total, cross = whole.slopes.sum(axis=0), whole.cross.sum(axis=0) + pull
 
-    def predict(sd: Array) -> float:
-        scale = np.concatenate([NEAR * prior_sd[free], sd])
+    @cache
+    def predict(*places: int) -> float:
+        sd = [block[place] for block, place in zip(tried, places, strict=True)]
+        scale = np.concatenate([NEAR * prior_sd[free], *sd])
         curved = (total - whole.slopes) * scale * scale[:, None] + np.eye(len(scale))
         weights = np.linalg.solve(curved, ((cross - whole.cross) * scale)[:, :, None])[:, :, 0] * scale
         return float(shape.left_out(weights).sum())
 
-    chosen = [each[0] for each in tried]
-    for place in [*range(len(tried)), *range(len(tried) - 1)]:
-        before, after = chosen[:place], chosen[place + 1 :]
-        chosen[place] = min(tried[place], key=lambda each: predict(np.concatenate([*before, each, *after])))
-    return Family(columns, np.concatenate(chosen))
+    chosen = [0] * len(tried)
+    for block in [*range(len(tried)), *range(len(tried) - 1)]:
+        before, after = chosen[:block], chosen[block + 1 :]
+        chosen[block] = min(range(len(tried[block])), key=lambda place: predict(*before, place, *after))
+    return Family(columns, np.concatenate([block[place] for block, place in zip(tried, chosen, strict=True)]))

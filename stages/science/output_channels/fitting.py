@@ -10,6 +10,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -106,7 +107,7 @@ class Model:
         return simulated
 
     def differentiate(self, values: Array, simulated: Array) -> Array:
-        """Return the derivatives of the channel by each value, (T, K, P)."""
+        """Return the derivatives of the channel by each named value, (T, K, P), zero where not present."""
         named = len(self.parameters)
         values, weights = values[:named], values[named:]
         high, sd = self.bounds[1][:named], self.prior[1][:named]
@@ -115,7 +116,7 @@ class Model:
         bare = simulated if self.family is None else simulated - self.family.columns @ weights
         moved -= bare[:, :, None]
         moved /= steps
-        return moved if self.family is None else np.concatenate([moved, self.family.columns], axis=2)
+        return np.where(self.output.present[:, :, None], moved, 0.0)
 
 
 @dataclass(frozen=True)
@@ -216,16 +217,15 @@ def collect_white(signals: Array, output: OutputChannel, noise: Noise | TrialNoi
 
     The signals are zero where not present.
     """
-    if isinstance(noise, TrialNoise):
-        return take_grams(noise.multiply(signals, output), output)
-    white = whiten(signals, output.present, noise, output.step_s)
+    white = whiten_by(noise, signals, output)
     return collect_grams(white[:, :, :-1], white[:, :, -1], output.present)
 
 
-def take_grams(products: Array, output: OutputChannel) -> Grams:
-    """Return sums of products, (K, P + 1, P + 1), of slopes and, last, a residual by what they are."""
-    samples = output.present.sum(axis=0).astype(float)
-    return Grams(products[:, :-1, :-1], products[:, :-1, -1], products[:, -1, -1], samples)
+def whiten_by(noise: Noise | TrialNoise, signals: Array, output: OutputChannel) -> Array:
+    """Return signals, (T, K, Q) and zero where not present, as of white noise of variance one, (T or more, K, Q)."""
+    if isinstance(noise, TrialNoise):
+        return noise.whiten(signals, output)
+    return whiten(signals, output.present, noise, output.step_s)
 
 
 def _weigh_cost(model: Model, values: Array, residual: Array, noise: Noise | TrialNoise) -> float:
@@ -246,9 +246,10 @@ def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int =
         residual = np.where(present, model.output.measured - simulated, 0.0)
         return simulated, residual, _weigh_cost(model, at, residual, noise)
 
+    family = None if model.family is None else _Beside.of(model.family, model.output, noise)
     simulated, residual, cost = look(values)
     for _ in range(iterations):
-        slopes, white = _linearise(model, values, simulated, residual, noise)
+        slopes, white = _linearise(model, values, simulated, residual, noise, family)
         pull, precision, room = (mean - values) / sd**2, 1.0 / sd**2, (low - values, high - values)
         step = _bounded_step(white, pull, precision, *room)
         shorter = [0.5**halving * step for halving in range(6)]
@@ -264,18 +265,42 @@ def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int =
         values, (simulated, residual, cost) = trial, found
         if fallen < ENOUGH * cost:
             break
-    slopes, white = _linearise(model, values, simulated, residual, noise)
+    slopes, white = _linearise(model, values, simulated, residual, noise, family)
+    if model.family is not None:
+        slopes = np.concatenate([slopes, model.family.columns], axis=2)
     margin = 1e-9 * np.where(np.isfinite(high - low), high - low, 0.0)
     free = (values > low + margin) & (values < high - margin)
     return Fit(model, values, residual, slopes, white, free)
 
 
+class _Beside(NamedTuple):
+    """A family's columns as of white noise, (K, T, F), and sums of their products, (K, F, F): alike in all steps."""
+
+    white: Array
+    products: Array
+
+    @classmethod
+    def of(cls, family: Family, output: OutputChannel, noise: Noise | TrialNoise) -> _Beside:
+        """Return those of a family."""
+        white = np.ascontiguousarray(whiten_by(noise, family.columns, output).transpose(1, 0, 2))
+        return cls(white, white.transpose(0, 2, 1) @ white)
+
+    def append(self, grams: Grams, white: Array) -> Grams:
+        """Return the sums of slopes and, last, a residual as of white noise, (T, K, P + 1), and of the family."""
+        both = white.transpose(1, 2, 0) @ self.white
+        across, cross = both[:, :-1], np.concatenate([grams.cross, both[:, -1]], axis=1)
+        upper = np.concatenate([grams.slopes, across], axis=2)
+        lower = np.concatenate([across.transpose(0, 2, 1), self.products], axis=2)
+        return replace(grams, slopes=np.concatenate([upper, lower], axis=1), cross=cross)
+
+
 def _linearise(
-    model: Model, values: Array, simulated: Array, residual: Array, noise: Noise | TrialNoise
+    model: Model, values: Array, simulated: Array, residual: Array, noise: Noise | TrialNoise, family: _Beside | None
 ) -> tuple[Array, Grams]:
-    present = model.output.present
-    slopes = np.where(present[:, :, None], model.differentiate(values, simulated), 0.0)
-    return slopes, collect_white(np.concatenate([slopes, residual[:, :, None]], axis=2), model.output, noise)
+    slopes = model.differentiate(values, simulated)
+    white = whiten_by(noise, np.concatenate([slopes, residual[:, :, None]], axis=2), model.output)
+    grams = collect_grams(white[:, :, :-1], white[:, :, -1], model.output.present)
+    return slopes, grams if family is None else family.append(grams, white)
 
 
 def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high: Array, damping: float = 0.0) -> Array:

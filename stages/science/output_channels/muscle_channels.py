@@ -139,8 +139,8 @@ class MuscleChannel(OutputChannel):
         a, b = braid_coefficients(constants.get("braid_angle_deg", 25.0))
         full = {"full_force_n": self.build.area_n_per_kpa * self.build.max_pressure_kpa * (a - b)}
         given = {**build, "braid_a": a, "braid_b": b, "area_factor": 1.0, "regulator_gain": 1.0, **full, **constants}
-        columns = len(self.records.start_s)
-        return MuscleConstants(*(np.full(columns, given.get(name, 0.0)) for name in MuscleConstants._fields))
+        values = np.array([given.get(name, 0.0) for name in MuscleConstants._fields], dtype=float)
+        return MuscleConstants(*np.repeat(values[:, None], len(self.records.start_s), axis=1))
 
 
 class PressureChannel(MuscleChannel):

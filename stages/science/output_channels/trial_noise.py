@@ -35,53 +35,35 @@ class TrialNoise:
         """Return the noise of some of the trials, by position."""
         return replace(self, simulated=self.simulated[:, list(trials)])
 
-    def multiply(self, signals: Array, output: OutputChannel) -> Array:
-        """Return sums of products of signals, (T, K, Q), over each trial's samples, each part over its variance.
+    def whiten(self, signals: Array, output: OutputChannel) -> Array:
+        """Return signals as of white noise of variance one, (T + 2, K, Q): the shape, and a sample of each other part.
 
-        The signals are zero where not present; the sums are (K, Q, Q).
+        The signals, (T, K, Q), are zero where not present.
         """
-        shape, offset, along = multiply_parts(signals, self.simulated, output)
-        count = np.maximum(output.present.sum(axis=0), 1)[:, None, None]
-        varied = (self.shape**2 + count * each**2 for each in (self.offset, self.gain))
-        white: Array = shape / self.shape**2 + offset / next(varied) + along / next(varied)
-        return white
+        shape, offset, along, _ = split_signals(signals, self.simulated, output)
+        count = np.maximum(output.present.sum(axis=0), 1)[:, None]
+        others = (
+            each / np.sqrt(self.shape**2 + count * sd**2) for each, sd in ((offset, self.offset), (along, self.gain))
+        )
+        shape /= self.shape
+        return np.concatenate([shape, *(each[None] for each in others)])
 
 
-def multiply_parts(signals: Array, simulated: Array, output: OutputChannel) -> tuple[Array, Array, Array]:
-    """Return sums of products of signals' shapes, offsets and parts along a simulated signal, (K, Q, Q) each.
+def split_signals(signals: Array, simulated: Array, output: OutputChannel) -> tuple[Array, Array, Array, Array]:
+    """Return signals' shape, (T, K, Q), and along two directions of length one, (K, Q) each: offset, and the second.
 
-    The parts are those of `split_signals`, which are orthogonal, so that only the sums of the whole signals, (T, K, Q),
-    are taken sample by sample. The signals are zero where not present.
+    That, (T, K), is along the simulated signal. All is shape in an output whose trials have no offset or gain.
     """
-    by_trial = np.ascontiguousarray(signals.transpose(1, 0, 2))
-    whole = by_trial.transpose(0, 2, 1) @ by_trial
     if not output.jitters:
-        return whole, np.zeros_like(whole), np.zeros_like(whole)
-    moved = _centre(simulated, output).T
-    size = np.maximum((moved**2).sum(axis=1), 1e-300)[:, None]
-    moments = (
-        by_trial.sum(axis=1) / np.sqrt(np.maximum(output.present.sum(axis=0), 1))[:, None],
-        (moved[:, None, :] @ by_trial)[:, 0, :] / np.sqrt(size),
-    )
-    offset, along = (each[:, :, None] * each[:, None, :] for each in moments)
-    return whole - offset - along, offset, along
-
-
-def split_signals(signals: Array, simulated: Array, output: OutputChannel) -> tuple[Array, Array, Array]:
-    """Return signals' shape in each trial, (T, K, Q), their offset, (K, Q), and the part along a simulated one, (T, K).
-
-    All is shape in an output whose trials have no offset or gain of their own.
-    """
-    present = output.present[:, :, None]
-    bare = np.where(present, signals, 0.0)
-    if not output.jitters:
-        return bare, np.zeros(bare.shape[1:]), np.zeros_like(bare)
+        return signals.copy(), np.zeros(signals.shape[1:]), np.zeros(signals.shape[1:]), np.zeros(signals.shape[:2])
+    count = np.sqrt(np.maximum(output.present.sum(axis=0), 1))
     moved = _centre(simulated, output)
-    offset = bare.sum(axis=0) / np.maximum(present.sum(axis=0), 1)
-    moving = np.where(present, bare - offset, 0.0)
-    share = np.einsum("tk,tkq->kq", moved, moving) / np.maximum((moved**2).sum(axis=0), 1e-300)[:, None]
-    along = moved[:, :, None] * share
-    return moving - along, offset, along
+    moved = moved / np.sqrt(np.maximum((moved**2).sum(axis=0), 1e-300))
+    offset = signals.sum(axis=0) / count[:, None]
+    along = np.einsum("tk,tkq->kq", moved, signals)
+    shape = signals - np.where(output.present, 1.0 / count, 0.0)[:, :, None] * offset
+    shape -= moved[:, :, None] * along
+    return shape, offset, along, moved
 
 
 def _centre(signal: Array, output: OutputChannel) -> Array:
@@ -95,9 +77,10 @@ def split_residual(residual: Array, output: OutputChannel) -> tuple[Array, Array
 
     The latter is told as a root mean square, in the channel's unit.
     """
-    shape, offset, along = split_signals(residual[:, :, None], output.measured - residual, output)
-    count = np.maximum(output.present.sum(axis=0), 1)
-    return shape[:, :, 0], offset[:, 0], np.sqrt((along[:, :, 0] ** 2).sum(axis=0) / count)
+    bare = np.where(output.present, residual, 0.0)[:, :, None]
+    shape, offset, along, _ = split_signals(bare, output.measured - residual, output)
+    count = np.sqrt(np.maximum(output.present.sum(axis=0), 1))
+    return shape[:, :, 0], offset[:, 0] / count, np.abs(along[:, 0]) / count
 
 
 def bound_jitter(output: OutputChannel, largest: float) -> float:

@@ -9,7 +9,7 @@ from stages.benchmark.blinded_rig.dataset import simulate
 from stages.benchmark.blinded_rig.scenarios import named_scenario
 from tests.benchmark.test_verdicts import decide_on, judge_session
 
-TRIALS = 16
+TRIALS = 10
 
 
 @pytest.mark.parametrize("seed", [100000, *(pytest.param(k, marks=pytest.mark.slow) for k in (100001, 100009, 100025))])
@@ -20,7 +20,7 @@ def test_a_law_that_is_not_the_nominal_one_gets_no_name(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("seed", range(3))
+@pytest.mark.parametrize("seed", range(2))
 def test_a_law_wrong_by_8_in_1000_with_gains_of_1_in_100_gets_no_name(seed):
     made = simulate(replace(named_scenario(f"none-{300 + seed}"), trials=TRIALS))
     rows, rng = made.samples, np.random.default_rng(seed)
@@ -34,11 +34,9 @@ def test_a_law_wrong_by_8_in_1000_with_gains_of_1_in_100_gets_no_name(seed):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize(
-    "session", ["eccentric_pulley-medium-100248", "bulge-strong-100260", "valve_current-strong-100265"]
-)
+@pytest.mark.parametrize("session", ["eccentric_pulley-medium-100248", "valve_current-strong-100265"])
 def test_what_the_library_does_not_hold_gets_no_name(session):
-    said = decide_on(f"foreign_building:{session}")
+    said = decide_on(f"foreign_building:{session}", TRIALS)
     assert (said.status, said.effects) == ("unexplained", [])
 
 

@@ -95,14 +95,14 @@ def test_trials_are_whitened_by_the_covariance_of_their_offset_gain_and_shape():
     noise, rng = TrialNoise(0.7, 0.3, 0.2, toy.measured), np.random.default_rng(8)
     toy = replace(toy, present=toy.present & (np.arange(60)[:, None] >= [0, 5, 20]))
     signals = rng.standard_normal((60, 3, 2)) + rng.standard_normal((3, 2))
-    white = noise.multiply(np.where(toy.present[:, :, None], signals, 0.0), toy)
+    white = noise.whiten(np.where(toy.present[:, :, None], signals, 0.0), toy)
     for k in range(3):
         kept = toy.present[:, k]
         along = toy.measured[kept, k] - toy.measured[kept, k].mean()
         along *= np.sqrt(kept.sum()) / np.linalg.norm(along)
         covariance = 0.7**2 * np.eye(kept.sum()) + 0.3**2 + 0.2**2 * np.outer(along, along)
         expected = signals[kept, k].T @ np.linalg.solve(covariance, signals[kept, k])
-        np.testing.assert_allclose(white[k], expected, rtol=1e-9)
+        np.testing.assert_allclose(white[:, k].T @ white[:, k], expected, rtol=1e-9)
 
 
 def test_the_noise_of_trials_is_that_which_was_drawn_up_to_the_largest():
