@@ -89,13 +89,16 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
         f"So much remains: {family} would still take away {_percent(left['share'])} of what was "
         "above the noise; that has no name in the library."
     )
+    them = "it" if len(effects) == 1 else "them"
     closing = (
-        f"With {'it' if len(effects) == 1 else 'them'} the gap on {_count(verdict)} not fitted goes from "
+        f"With {them} the gap on {_count(verdict)} not fitted goes from "
         f"{_percent(gap['before'])} to {_percent(gap['after'])} of range (interval {_percent(gap['low'])} to "
         f"{_percent(gap['high'])}, p = {gap['p_value']:.2g})"
     )
     if all(each["name"] == QUANTISATION for each in effects):
-        closing = f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, with them as without"
+        closing = (
+            f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, with {them} as without"
+        )
     return [
         *told,
         *([doubt] if left["imitated"] > settings.search.certain else []),
