@@ -20,6 +20,7 @@ from stages.science.output_channels.flexible import (
     explain_by_trees,
     keep_least,
 )
+from stages.science.output_channels.grams import Columns
 from stages.science.output_channels.noise import Noise, estimate_noise, make_plain
 from stages.science.output_channels.output_channel import Counts, EffectForm, OutputChannel, map_in_threads
 from stages.science.output_channels.trial_noise import TrialNoise
@@ -55,7 +56,7 @@ class Fitted:
     def blocks(self) -> Blocks:
         """The family beside which it was fitted, with its priors; that of a fit beside none has no columns."""
         family = self.fit.model.family
-        return (np.empty((*self.residual.shape, 0)), []) if family is None else (family.columns, [[family.sd]])
+        return (Columns(np.empty((*self.residual.shape, 0))), []) if family is None else (family.columns, [[family.sd]])
 
     def estimate_noise(self) -> Noise:
         """Return the noise that the residual most likely is."""

@@ -11,8 +11,9 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.output_channels.fitting import Fit, Grams, collect_grams
+from stages.science.output_channels.fitting import Fit
 from stages.science.output_channels.fitting import fit as fit_values
+from stages.science.output_channels.grams import Grams, collect_grams
 from stages.science.output_channels.noise import Noise, make_plain, whiten
 from stages.science.output_channels.output_channel import EffectForm
 from stages.science.signals.trajectories import Array

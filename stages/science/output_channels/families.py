@@ -12,10 +12,11 @@ from itertools import combinations_with_replacement
 import numpy as np
 
 from stages.science.output_channels.features import list_aside, list_memory
-from stages.science.output_channels.fitting import Family, Fit, collect_grams, whiten_by
+from stages.science.output_channels.fitting import Family, Fit
+from stages.science.output_channels.grams import Collector, Columns, Grams
 from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import OutputChannel
-from stages.science.output_channels.trial_noise import TrialNoise, split_signals
+from stages.science.output_channels.trial_noise import TrialNoise
 from stages.science.signals.trajectories import Array
 
 DEGREES = {1: 6, 2: 5}
@@ -34,8 +35,8 @@ FARTHEST = 2000
 """Number of samples from which inducing points are taken, at most."""
 
 
-Blocks = tuple[Array, list[list[Array]]]
-"""Columns of a family, (T, K, F), and for each of its blocks the standard deviations of its weights to choose from."""
+Blocks = tuple[Columns, list[list[Array]]]
+"""Columns of a family and for each of its blocks the standard deviations of its weights to choose from."""
 
 
 def build_static_map(output: OutputChannel) -> Blocks:
@@ -74,7 +75,8 @@ def build_memory(output: OutputChannel) -> Blocks:
 
 def join(*families: Blocks) -> Blocks:
     """Return the sum of families."""
-    return np.concatenate([each for each, _ in families], axis=2), [block for _, each in families for block in each]
+    together = np.concatenate([each.values for each, _ in families], axis=2)
+    return Columns(together), [block for _, each in families for block in each]
 
 
 def _respond(output: OutputChannel, columns: Array, tried: list[list[Array]]) -> Blocks:
@@ -84,7 +86,7 @@ def _respond(output: OutputChannel, columns: Array, tried: list[list[Array]]) ->
     ends = np.cumsum([len(block[0]) for block in tried])
     by_answer = answered.reshape(*answered.shape[:2], several, columns.shape[2])
     blocks = [each.reshape(*each.shape[:2], -1) for each in np.split(by_answer, ends[:-1], axis=3)]
-    return np.concatenate(blocks, axis=2), [[np.tile(each, several) for each in block] for block in tried]
+    return Columns(np.concatenate(blocks, axis=2)), [[np.tile(each, several) for each in block] for block in tried]
 
 
 def _expand(inputs: Array, width: float, points: int) -> Array:
@@ -110,7 +112,7 @@ def _spread_out(places: Array, points: int) -> Array:
     return np.array(chosen)
 
 
-def choose_family(fit: Fit, noise: Noise | TrialNoise, columns: Array, tried: Sequence[Sequence[Array]]) -> Family:
+def choose_family(fit: Fit, noise: Noise | TrialNoise, columns: Columns, tried: Sequence[Sequence[Array]]) -> Family:
     """Return a family beside a fit, with the priors by which left-out trials are predicted best.
 
     It is fitted beside a model without one under the noise of its channel, and judged by the shape of trials left out.
@@ -118,24 +120,24 @@ def choose_family(fit: Fit, noise: Noise | TrialNoise, columns: Array, tried: Se
     twice.
     """
     output, free = fit.model.output, np.flatnonzero(fit.free)
-    together = np.concatenate([fit.slopes[:, :, free], columns, fit.residual[:, :, None]], axis=2)
-    white = whiten_by(noise, together, output)
-    if isinstance(noise, TrialNoise):
-        bare = white[: len(together)]  # over its standard deviation, which chooses nothing else
-    else:
-        bare = split_signals(together, output.measured - fit.residual, output)[0]
-    whole, shape = (collect_grams(each[:, :, :-1], each[:, :, -1], output.present) for each in (white, bare))
+    together = np.concatenate([fit.slopes[:, :, free], fit.residual[:, :, None]], axis=2)
+    collector = Collector(output, noise, columns, output.measured - fit.residual)
+    whole, shape = (collector.collect(together, each) for each in (noise, None))
     mean, prior_sd = fit.model.prior
-    pull = np.append(((mean - fit.values) / prior_sd**2)[free], np.zeros(columns.shape[2]))
+    pull = np.append(((mean - fit.values) / prior_sd**2)[free], np.zeros(columns.values.shape[2]))
     total, cross = whole.slopes.sum(axis=0), whole.cross.sum(axis=0) + pull
 
     @cache
     def predict(*places: int) -> float:
         sd = [block[place] for block, place in zip(tried, places, strict=True)]
         scale = np.concatenate([NEAR * prior_sd[free], *sd])
-        curved = (total - whole.slopes) * scale * scale[:, None] + np.eye(len(scale))
-        weights = np.linalg.solve(curved, ((cross - whole.cross) * scale)[:, :, None])[:, :, 0] * scale
-        return float(shape.left_out(weights).sum())
+        kept = np.append(np.ones(len(free), dtype=bool), np.concatenate(sd) > NOTHING).nonzero()[0]
+        scale, some = scale[kept], np.ix_(np.arange(output.trials), kept, kept)
+        curved = (total[kept[:, None], kept] - whole.slopes[some]) * scale * scale[:, None] + np.eye(len(scale))
+        target = ((cross - whole.cross)[:, kept] * scale)[:, :, None]
+        weights = np.linalg.solve(curved, target)[:, :, 0] * scale
+        own = Grams(shape.slopes[some], shape.cross[:, kept], shape.square, shape.samples)
+        return float(own.left_out(weights).sum())
 
     chosen = [0] * len(tried)
     for block in [*range(len(tried)), *range(len(tried) - 1)]:

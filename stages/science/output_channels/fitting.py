@@ -10,12 +10,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
-from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.output_channels.noise import Noise, whiten
+from stages.science.output_channels.grams import Collector, Columns, Grams
+from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.output_channels.trial_noise import TrialNoise
 from stages.science.plant.effect import Parameter
@@ -36,8 +36,8 @@ ENOUGH = 1e-5
 class Family:
     """A family of functions without a physical name, linear in its weights."""
 
-    columns: Array
-    """What each weight of one adds to the channel, (T, K, F), in the channel's unit."""
+    columns: Columns
+    """What each weight of one adds to the channel."""
     sd: Array
     """Standard deviations of the weights' priors, (F,), whose means are zero."""
 
@@ -85,7 +85,7 @@ class Model:
 
     def take(self, trials: Sequence[int]) -> Model:
         """Return the model on some of its trials, by position."""
-        family = self.family and Family(self.family.columns[:, list(trials)], self.family.sd)
+        family = self.family and Family(Columns(self.family.columns.values[:, list(trials)]), self.family.sd)
         return replace(self, output=self.output.take(trials), family=family)
 
     def name_values(self, values: Array) -> tuple[dict[str, float], list[tuple[EffectForm, dict[str, float]]]]:
@@ -103,7 +103,7 @@ class Model:
         """Return the channel, (T, K)."""
         simulated = self.output.simulate(*self.name_values(values))
         if self.family is not None:
-            simulated = simulated + self.family.columns @ values[len(self.parameters) :]
+            simulated = simulated + self.family.columns.values @ values[len(self.parameters) :]
         return simulated
 
     def differentiate(self, values: Array, simulated: Array) -> Array:
@@ -113,26 +113,10 @@ class Model:
         high, sd = self.bounds[1][:named], self.prior[1][:named]
         steps = np.where(values + STEP * sd <= high, STEP * sd, -STEP * sd)
         moved = self.output.simulate_each([self.name_values(each) for each in values + np.diag(steps)])
-        bare = simulated if self.family is None else simulated - self.family.columns @ weights
+        bare = simulated if self.family is None else simulated - self.family.columns.values @ weights
         moved -= bare[:, :, None]
         moved /= steps
         return np.where(self.output.present[:, :, None], moved, 0.0)
-
-
-@dataclass(frozen=True)
-class Grams:
-    """Sums over each trial's samples that a linearised model needs; K trials, P values."""
-
-    slopes: Array
-    cross: Array
-    square: Array
-    samples: Array
-
-    def left_out(self, changes: Array) -> Array:
-        """Return each trial's sum of squares after its own change of values, (K, P) ndarray."""
-        curved = np.einsum("kp,kpq,kq->k", changes, self.slopes, changes)
-        squares: Array = self.square - 2.0 * np.einsum("kp,kp->k", changes, self.cross) + curved
-        return np.maximum(squares, 0.0)
 
 
 @dataclass(frozen=True)
@@ -181,7 +165,7 @@ class Fit:
 
     def cost(self, noise: Noise) -> float:
         """Return the whitened sum of squares under a noise, and that of the values' distances from their priors."""
-        return _weigh_cost(self.model, self.values, self.residual, noise)
+        return _weigh_cost(self.model, self.values, self.residual, Collector(self.model.output, noise), noise)
 
     def drawn_values(self, weights: Array) -> Array:
         """Return the fitted values, (B, P), under weights of resampled trials (B, K); equal weights give these values.
@@ -200,38 +184,10 @@ class Fit:
         return residual
 
 
-def collect_grams(slopes: Array, residual: Array, present: NDArray[np.bool_]) -> Grams:
-    """Return the sums over samples of each trial."""
-    by_trial = np.ascontiguousarray(slopes.transpose(1, 0, 2))
-    columns = np.ascontiguousarray(residual.T)
-    return Grams(
-        by_trial.transpose(0, 2, 1) @ by_trial,
-        (columns[:, None, :] @ by_trial)[:, 0, :],
-        (columns**2).sum(axis=1),
-        present.sum(axis=0).astype(float),
-    )
-
-
-def collect_white(signals: Array, output: OutputChannel, noise: Noise | TrialNoise) -> Grams:
-    """Return the sums over samples of slopes and, last, a residual, (T, K, P + 1), as of white noise of variance one.
-
-    The signals are zero where not present.
-    """
-    white = whiten_by(noise, signals, output)
-    return collect_grams(white[:, :, :-1], white[:, :, -1], output.present)
-
-
-def whiten_by(noise: Noise | TrialNoise, signals: Array, output: OutputChannel) -> Array:
-    """Return signals, (T, K, Q) and zero where not present, as of white noise of variance one, (T or more, K, Q)."""
-    if isinstance(noise, TrialNoise):
-        return noise.whiten(signals, output)
-    return whiten(signals, output.present, noise, output.step_s)
-
-
-def _weigh_cost(model: Model, values: Array, residual: Array, noise: Noise | TrialNoise) -> float:
-    white = collect_white(residual[:, :, None], model.output, noise)
+def _weigh_cost(model: Model, values: Array, residual: Array, collector: Collector, noise: Noise | TrialNoise) -> float:
     mean, sd = model.prior
-    return float(white.square.sum() + (((values - mean) / sd) ** 2).sum())
+    square = collector.collect_alone(residual, noise)
+    return float(square.sum() + (((values - mean) / sd) ** 2).sum())
 
 
 def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int = ITERATIONS) -> Fit:
@@ -244,12 +200,16 @@ def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int =
     def look(at: Array) -> tuple[Array, Array, float]:
         simulated = model.simulate(at)
         residual = np.where(present, model.output.measured - simulated, 0.0)
-        return simulated, residual, _weigh_cost(model, at, residual, noise)
+        return simulated, residual, _weigh_cost(model, at, residual, collector, noise)
 
-    family = None if model.family is None else _Beside.of(model.family, model.output, noise)
+    def linearise() -> tuple[Array, Grams]:
+        slopes = model.differentiate(values, simulated)
+        return slopes, collector.collect(np.concatenate([slopes, residual[:, :, None]], axis=2), noise)
+
+    collector = Collector(model.output, noise, None if model.family is None else model.family.columns)
     simulated, residual, cost = look(values)
     for _ in range(iterations):
-        slopes, white = _linearise(model, values, simulated, residual, noise, family)
+        slopes, white = linearise()
         pull, precision, room = (mean - values) / sd**2, 1.0 / sd**2, (low - values, high - values)
         step = _bounded_step(white, pull, precision, *room)
         shorter = [0.5**halving * step for halving in range(6)]
@@ -265,42 +225,12 @@ def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int =
         values, (simulated, residual, cost) = trial, found
         if fallen < ENOUGH * cost:
             break
-    slopes, white = _linearise(model, values, simulated, residual, noise, family)
+    slopes, white = linearise()
     if model.family is not None:
-        slopes = np.concatenate([slopes, model.family.columns], axis=2)
+        slopes = np.concatenate([slopes, model.family.columns.values], axis=2)
     margin = 1e-9 * np.where(np.isfinite(high - low), high - low, 0.0)
     free = (values > low + margin) & (values < high - margin)
     return Fit(model, values, residual, slopes, white, free)
-
-
-class _Beside(NamedTuple):
-    """A family's columns as of white noise, (K, T, F), and sums of their products, (K, F, F): alike in all steps."""
-
-    white: Array
-    products: Array
-
-    @classmethod
-    def of(cls, family: Family, output: OutputChannel, noise: Noise | TrialNoise) -> _Beside:
-        """Return those of a family."""
-        white = np.ascontiguousarray(whiten_by(noise, family.columns, output).transpose(1, 0, 2))
-        return cls(white, white.transpose(0, 2, 1) @ white)
-
-    def append(self, grams: Grams, white: Array) -> Grams:
-        """Return the sums of slopes and, last, a residual as of white noise, (T, K, P + 1), and of the family."""
-        both = white.transpose(1, 2, 0) @ self.white
-        across, cross = both[:, :-1], np.concatenate([grams.cross, both[:, -1]], axis=1)
-        upper = np.concatenate([grams.slopes, across], axis=2)
-        lower = np.concatenate([across.transpose(0, 2, 1), self.products], axis=2)
-        return replace(grams, slopes=np.concatenate([upper, lower], axis=1), cross=cross)
-
-
-def _linearise(
-    model: Model, values: Array, simulated: Array, residual: Array, noise: Noise | TrialNoise, family: _Beside | None
-) -> tuple[Array, Grams]:
-    slopes = model.differentiate(values, simulated)
-    white = whiten_by(noise, np.concatenate([slopes, residual[:, :, None]], axis=2), model.output)
-    grams = collect_grams(white[:, :, :-1], white[:, :, -1], model.output.present)
-    return slopes, grams if family is None else family.append(grams, white)
 
 
 def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high: Array, damping: float = 0.0) -> Array:

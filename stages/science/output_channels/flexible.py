@@ -12,7 +12,8 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.science.output_channels.features import build_features
-from stages.science.output_channels.fitting import Fit, Grams
+from stages.science.output_channels.fitting import Fit
+from stages.science.output_channels.grams import Grams
 from stages.science.output_channels.noise import Noise, whiten
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.output_channels.spectral_line import find_line, remove_line

@@ -18,6 +18,8 @@ from stages.science.signals.trajectories import Array
 QUICK_S, SLOW_S = 0.03, 1.5
 """Prior medians of the time constants of the two components, s; one standard deviation is a factor of three."""
 FOLD = math.log(3.0)
+NOTHING = 1e-12
+"""Standard deviation, in the channel's unit, of a component that is not there."""
 
 
 class Noise(NamedTuple):
@@ -29,10 +31,15 @@ class Noise(NamedTuple):
     slow: float
     slow_s: float
 
+    @property
+    def is_white(self) -> bool:
+        """Whether it is white noise alone."""
+        return max(self.quick, self.slow) <= NOTHING
+
 
 def make_plain(spread: float) -> Noise:
     """Return white noise alone."""
-    return Noise(max(spread, 1e-9), 1e-12, 0.03, 1e-12, 1.0)
+    return Noise(max(spread, 1e-9), NOTHING, 0.03, NOTHING, 1.0)
 
 
 @njit(cache=True, error_model="numpy", nogil=True)

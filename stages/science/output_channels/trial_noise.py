@@ -35,35 +35,19 @@ class TrialNoise:
         """Return the noise of some of the trials, by position."""
         return replace(self, simulated=self.simulated[:, list(trials)])
 
-    def whiten(self, signals: Array, output: OutputChannel) -> Array:
-        """Return signals as of white noise of variance one, (T + 2, K, Q): the shape, and a sample of each other part.
 
-        The signals, (T, K, Q), are zero where not present.
-        """
-        shape, offset, along, _ = split_signals(signals, self.simulated, output)
-        count = np.maximum(output.present.sum(axis=0), 1)[:, None]
-        others = (
-            each / np.sqrt(self.shape**2 + count * sd**2) for each, sd in ((offset, self.offset), (along, self.gain))
-        )
-        shape /= self.shape
-        return np.concatenate([shape, *(each[None] for each in others)])
+def find_directions(simulated: Array, output: OutputChannel) -> Array:
+    """Return the two directions of length one along which a trial's offset and gain move it, (K, 2, T).
 
-
-def split_signals(signals: Array, simulated: Array, output: OutputChannel) -> tuple[Array, Array, Array, Array]:
-    """Return signals' shape, (T, K, Q), and along two directions of length one, (K, Q) each: offset, and the second.
-
-    That, (T, K), is along the simulated signal. All is shape in an output whose trials have no offset or gain.
+    The second is along the simulated signal, (T, K). Both are zero in an output whose trials have no offset or gain.
     """
+    present = output.present
     if not output.jitters:
-        return signals.copy(), np.zeros(signals.shape[1:]), np.zeros(signals.shape[1:]), np.zeros(signals.shape[:2])
-    count = np.sqrt(np.maximum(output.present.sum(axis=0), 1))
+        return np.zeros((present.shape[1], 2, len(present)))
+    still = present / np.sqrt(np.maximum(present.sum(axis=0), 1))
     moved = _centre(simulated, output)
-    moved = moved / np.sqrt(np.maximum((moved**2).sum(axis=0), 1e-300))
-    offset = signals.sum(axis=0) / count[:, None]
-    along = np.einsum("tk,tkq->kq", moved, signals)
-    shape = signals - np.where(output.present, 1.0 / count, 0.0)[:, :, None] * offset
-    shape -= moved[:, :, None] * along
-    return shape, offset, along, moved
+    moved /= np.sqrt(np.maximum((moved**2).sum(axis=0), 1e-300))
+    return np.ascontiguousarray(np.stack([still, moved]).transpose(2, 0, 1))
 
 
 def _centre(signal: Array, output: OutputChannel) -> Array:
@@ -77,10 +61,12 @@ def split_residual(residual: Array, output: OutputChannel) -> tuple[Array, Array
 
     The latter is told as a root mean square, in the channel's unit.
     """
-    bare = np.where(output.present, residual, 0.0)[:, :, None]
-    shape, offset, along, _ = split_signals(bare, output.measured - residual, output)
-    count = np.sqrt(np.maximum(output.present.sum(axis=0), 1))
-    return shape[:, :, 0], offset[:, 0] / count, np.abs(along[:, 0]) / count
+    bare = np.where(output.present, residual, 0.0).T
+    directions = find_directions(output.measured - residual, output)
+    parts = np.matmul(directions, bare[:, :, None])
+    shape: Array = (bare - (directions * parts).sum(axis=1)).T
+    offset, gain = parts[:, :, 0].T / np.sqrt(np.maximum(output.present.sum(axis=0), 1))
+    return shape, offset, np.abs(gain)
 
 
 def bound_jitter(output: OutputChannel, largest: float) -> float:

@@ -82,11 +82,13 @@ class ActuatorPath:
         arrays (T, K).
         """
         pressure_kpa, contraction, velocity_per_s = map(_contiguous, (pressure_kpa, contraction, velocity_per_s))
-        state = self._state(pressure_kpa, pressure_kpa, contraction, velocity_per_s)
-        acting = self._apply("acting_pressure_kpa", pressure_kpa, lambda: state)
-        state = self._state(pressure_kpa, acting, contraction, velocity_per_s)
-        shortened = self._apply("contraction", contraction, lambda: state)
-        state = self._state(pressure_kpa, acting, shortened, velocity_per_s)
+        acting, shortened = pressure_kpa, contraction
+
+        def state() -> State:
+            return self._state(pressure_kpa, acting, shortened, velocity_per_s)
+
+        acting = self._apply("acting_pressure_kpa", pressure_kpa, state)
+        shortened = self._apply("contraction", contraction, state)
         static = compute_tension(acting, shortened, velocity_per_s, self.constants)
         force = self._bend("force_n", static, state)
         return force, self._bend("tension_n", force, state)
@@ -120,8 +122,8 @@ class ActuatorPath:
                 values = effect.apply(values, state())
         return values
 
-    def _bend(self, signal: Signal, tension: Array, state: State) -> Array:
-        bent = self._apply(signal, tension, lambda: state)
+    def _bend(self, signal: Signal, tension: Array, state: Callable[[], State]) -> Array:
+        bent = self._apply(signal, tension, state)
         return tension if bent is tension else np.maximum(bent, 0.0)
 
     def _upstream(self, command: Array, pressure: Array) -> State:

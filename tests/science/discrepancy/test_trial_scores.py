@@ -9,6 +9,7 @@ from scipy.integrate import quad
 from scipy.signal import lfilter
 
 from stages.science.discrepancy.trial_scores import compare_by
+from stages.science.output_channels.grams import Collector, Columns
 from stages.science.output_channels.trial_noise import TrialNoise, estimate_trial_noise, split_residual
 from tests.science.discrepancy.toys import make_toy
 
@@ -94,15 +95,17 @@ def test_trials_are_whitened_by_the_covariance_of_their_offset_gain_and_shape():
     toy = make_toy(1, trials=3, samples=60)
     noise, rng = TrialNoise(0.7, 0.3, 0.2, toy.measured), np.random.default_rng(8)
     toy = replace(toy, present=toy.present & (np.arange(60)[:, None] >= [0, 5, 20]))
-    signals = rng.standard_normal((60, 3, 2)) + rng.standard_normal((3, 2))
-    white = noise.whiten(np.where(toy.present[:, :, None], signals, 0.0), toy)
+    signals = rng.standard_normal((60, 3, 3)) + rng.standard_normal((3, 3))
+    signals[~toy.present] = 0.0
+    found = Collector(toy, noise, Columns(signals[:, :, 1:2])).collect(signals[:, :, [0, 2]], noise)
     for k in range(3):
         kept = toy.present[:, k]
         along = toy.measured[kept, k] - toy.measured[kept, k].mean()
         along *= np.sqrt(kept.sum()) / np.linalg.norm(along)
         covariance = 0.7**2 * np.eye(kept.sum()) + 0.3**2 + 0.2**2 * np.outer(along, along)
         expected = signals[kept, k].T @ np.linalg.solve(covariance, signals[kept, k])
-        np.testing.assert_allclose(white[:, k].T @ white[:, k], expected, rtol=1e-9)
+        np.testing.assert_allclose(found.slopes[k], expected[:2, :2], rtol=1e-9)
+        np.testing.assert_allclose([*found.cross[k], found.square[k]], expected[2, :], rtol=1e-9)
 
 
 def test_the_noise_of_trials_is_that_which_was_drawn_up_to_the_largest():
