@@ -54,7 +54,7 @@ class Columns:
 class Collector:
     """Sums of products of an output's signals, and of columns beside them, whose own sums are told once.
 
-    A trial's gain multiplies the simulated signal, (T, K): that of the noise, if it has one, unless another is given.
+    A trial's gain multiplies the simulated signal, (T, K): that of the noise if it has one, else the one given.
     """
 
     def __init__(

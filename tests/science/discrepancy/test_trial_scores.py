@@ -10,6 +10,7 @@ from scipy.signal import lfilter
 
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.grams import Collector, Columns
+from stages.science.output_channels.noise import Noise, make_plain, whiten
 from stages.science.output_channels.trial_noise import TrialNoise, estimate_trial_noise, split_residual
 from tests.science.discrepancy.toys import make_toy
 
@@ -106,6 +107,17 @@ def test_trials_are_whitened_by_the_covariance_of_their_offset_gain_and_shape():
         expected = signals[kept, k].T @ np.linalg.solve(covariance, signals[kept, k])
         np.testing.assert_allclose(found.slopes[k], expected[:2, :2], rtol=1e-9)
         np.testing.assert_allclose([*found.cross[k], found.square[k]], expected[2, :], rtol=1e-9)
+
+
+@pytest.mark.parametrize("noise", [make_plain(0.7), Noise(0.7, 0.3, 0.03, 0.2, 1.5)], ids=["white", "coloured"])
+def test_columns_beside_signals_are_summed_as_signals_are(noise):
+    signals = np.random.default_rng(8).standard_normal((*TOY.measured.shape, 3)) * TOY.present[:, :, None]
+    whole = Collector(TOY, noise).collect(signals, noise)
+    parted = Collector(TOY, noise, Columns(signals[:, :, 1:2])).collect(signals[:, :, [0, 2]], noise)
+    for name in ("slopes", "cross", "square"):
+        np.testing.assert_allclose(getattr(parted, name), getattr(whole, name), rtol=1e-9, atol=1e-9)
+    white = whiten(signals, TOY.present, noise, TOY.step_s)
+    np.testing.assert_allclose(whole.square, (white[:, :, 2] ** 2).sum(axis=0), rtol=1e-9)
 
 
 def test_the_noise_of_trials_is_that_which_was_drawn_up_to_the_largest():
