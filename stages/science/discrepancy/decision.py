@@ -108,7 +108,10 @@ def _name_counts(outputs: Sequence[FittedChannel], limits: SearchSettings) -> li
     coarse: dict[tuple[str, str], dict[int, Counts]] = {}
     for place, state in enumerate(outputs):
         counts = state.output.find_counts(state.nominal.fit.model.name_values(state.nominal.fit.values)[0])
-        if counts and counts.step**2 / 12.0 > (1.0 - limits.smallest_gap**-2) * state.floor**2:
+        if counts is None:
+            continue
+        floor = state.floor**2 + counts.averaged_out
+        if counts.step**2 / 12.0 > (1.0 - limits.smallest_gap**-2) * floor:
             coarse.setdefault((state.output.channel, counts.form.form), {})[place] = counts
     named = []
     for (channel, form), its in coarse.items():

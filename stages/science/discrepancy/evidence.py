@@ -4,7 +4,7 @@ Log scores of models flow in; probabilities flow out. Each channel may also foll
 that is said of it is weighed without and with a static map beside it.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Collection, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -19,13 +19,15 @@ NONE, STATIC_MAP, MEMORY = "none", "static_map", "memory"
 class Verdicts:
     """Probabilities of names that sum to one, ``none`` and ``static_map`` among them, and how each would be carried.
 
-    `forms` are the most probable of each name in every output, empty where none was looked at; `carries` the
-    probabilities, (C,), that each output is among those that carry the name; `maps` the probabilities that a channel
-    which carries no name follows a static map other than the nominal one.
+    `forms` are the most probable of each name in every output, empty where none was looked at, and `looked` all that
+    may be it: beside a static map, those that are none themselves. `carries` are the probabilities, (C,), that each
+    output is among those that carry the name; `maps` the probabilities that a channel which carries no name follows a
+    static map other than the nominal one.
     """
 
     names: Mapping[str, float]
     forms: Mapping[str, list[str]]
+    looked: Mapping[str, Collection[str]]
     carries: Mapping[str, Array]
     maps: Mapping[str, float]
 
@@ -49,7 +51,7 @@ def weigh_names(
     channels: Sequence[str],
     priors: Mapping[str, float],
     most_evidence: float,
-    worth: Callable[[str, list[str], Array], bool],
+    worth: Callable[[str, list[str], Collection[str], Array], bool],
 ) -> Verdicts:
     """Return the probability of each name, by scores without and with a static map.
 
@@ -57,8 +59,9 @@ def weigh_names(
     The prior probability of a name is shared evenly by the numbers of outputs that may carry it, by the sets of that
     number, and by the forms, of which all that carry it have one; that of a static map is of each channel. Log ratios
     of two likelihoods, nats, are scaled down, in a channel all alike, to `most_evidence` at most: how wrong the law of
-    one channel is says nothing of another's. A name is `worth` it, given its form in every output and the probability
-    of each output, if it would close a gap that matters; else it has none, however sure its small gain is.
+    one channel is says nothing of another's. A name is `worth` it, given its form in every output, all that may be it
+    and the probability of each output, if it would close a gap that matters; else it has none, however sure its small
+    gain is.
 
     Notes
     -----
@@ -76,21 +79,24 @@ def weigh_names(
     log_map = {each: its * float(more[at == each].sum()) for each, its in power.items()}
     log_law = {each: np.logaddexp(np.log1p(-map_prior), np.log(map_prior) + value) for each, value in log_map.items()}
     log_weight, chosen, carries = {NONE: float(np.log(priors[NONE]))}, {}, {}
+    looked: dict[str, Collection[str]] = {}
     for name in names:
         found = [
             _weigh_name(name, scores, power, channels, log_prior, log_map if scores is beside else {}, log_law)
             for scores, log_prior in ((alone, np.log1p(-map_prior)), (beside, np.log(map_prior)))
         ]
         weight = np.logaddexp(found[0][0], found[1][0])
-        chosen[name], carries[name] = max(found, key=lambda each: each[0])[1:]
-        offered = worth(name, chosen[name], carries[name])
+        likely, scores = max(zip(found, (alone, beside), strict=True), key=lambda both: both[0][0])
+        chosen[name], carries[name] = likely[1:]
+        looked[name] = [form for known, form in scores.forms if known == name]
+        offered = worth(name, chosen[name], looked[name], carries[name])
         log_weight[name] = float(weight + np.log(priors[name])) if offered else -np.inf
     weights = np.exp(np.array(list(log_weight.values())) - max(log_weight.values()))
     shares = dict(zip(log_weight, map(float, weights / weights.sum()), strict=True))
     maps = {each: 1.0 - float(np.exp(np.log1p(-map_prior) - value)) for each, value in log_law.items()}
     lawful = float(np.prod([1.0 - each for each in maps.values()]))
     shares |= {NONE: shares[NONE] * lawful, STATIC_MAP: shares[NONE] * (1.0 - lawful)}
-    return Verdicts(shares, chosen, carries, maps)
+    return Verdicts(shares, chosen, looked, carries, maps)
 
 
 def _find_largest(alone: Beside, beside: Beside, own: NDArray[np.bool_]) -> float:

@@ -48,6 +48,11 @@ class Fitted:
         return self.fit.model.forms
 
     @property
+    def effects(self) -> list[tuple[EffectForm, dict[str, float]]]:
+        """Effects with their fitted parameters."""
+        return self.fit.model.name_values(self.fit.values)[1]
+
+    @property
     def spread(self) -> float:
         """Root mean square of the residual of all trials, none left out, in the channel's unit."""
         return float(np.sqrt((self.fit.residual**2).sum() / max(self.fit.model.output.present.sum(), 1)))
@@ -76,13 +81,15 @@ class FittedChannel:
 
     @cached_property
     def static_map(self) -> Blocks:
-        """A static map of the output's signals."""
-        return build_static_map(self.output)
+        """A static map of the signals that act under the effects of the present fit."""
+        return build_static_map(self.output.acting(self.current.effects))
 
     def map_beside(self, fitted: Fitted) -> Blocks:
-        """Return a static map of a model's signals: the output's, or those that the model takes for true."""
-        output = fitted.fit.model.output
-        return self.static_map if output is self.output else build_static_map(output)
+        """Return a static map of the signals that act by a model, which adds effects to the present one."""
+        output, added = fitted.fit.model.output, fitted.effects[len(self.current.forms) :]
+        if output is self.output and output.acting(added) is output:
+            return self.static_map
+        return build_static_map(output.acting([*self.current.effects, *added]))
 
     @cached_property
     def memory(self) -> Blocks:
@@ -223,7 +230,7 @@ def correct_inputs(output: OutputChannel, fits: Sequence[Fitted]) -> OutputChann
         (form.name, form.form, values)
         for each in fits
         if each.fit.model.output.element == output.element and each.fit.model.output.channel != output.channel
-        for form, values in each.fit.model.name_values(each.fit.values)[1]
+        for form, values in each.effects
     ]
     return output.correct(effects)
 

@@ -13,6 +13,7 @@ from stages.science.discrepancy.settings import DiscrepancySettings, Tolerance
 from stages.science.output_channels.muscle_channels import Build, ForceChannel, MuscleChannel, PressureChannel, Records
 from stages.science.plant.effect import Parameter
 from stages.science.recording.measured_tables import MeasuredTables
+from stages.science.signals.filtering import decimate
 from stages.science.signals.trajectories import Array
 
 SIGNALS = {
@@ -22,6 +23,11 @@ SIGNALS = {
     "velocity_per_s": "contraction_velocity_per_s",
     "force_n": "force_n",
 }
+
+
+SAMPLES = 5
+"""Samples in the width over which pressure is smoothed; more would tell nothing more of a muscle, and cost their time.
+"""
 
 
 def _collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, str], smoothing_s: float) -> Records:
@@ -46,7 +52,13 @@ def _collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, s
         if joint not in seen:
             seen.add(joint)
             others[f"{joint} contraction"] = _spread(rows, order, "contraction", samples)[1]
-    return Records(step_s, start - start[0], **signals, known=known, others=others)
+    readings = {name: np.where(known[name], signals[name], np.nan) for name in ("pressure_kpa", "force_n")}
+    factor = max(int(smoothing_s / SAMPLES / step_s * (1.0 + 1e-9)), 1)
+    signals = {name: decimate(each, factor, held=name == "command_kpa") for name, each in signals.items()}
+    others = {name: decimate(each, factor, held="command" in name) for name, each in others.items()}
+    known = {name: decimate(each.astype(float), factor) > 0.5 for name, each in known.items()}
+    start -= start[0]
+    return Records(factor * step_s, start, **signals, known=known, others=others, factor=factor, readings=readings)
 
 
 def _smooth(signal: Array, step_s: float, width_s: float) -> Array:

@@ -3,7 +3,7 @@
 Outputs at their present fits and what each effect promises there flow in; probabilities, gaps and a name flow out.
 """
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -101,14 +101,17 @@ def rank(
     priors = {name: each / every for name, each in halved.items()}
     priors |= {NONE: settings.none_prior, MEMORY: settings.family_prior, STATIC_MAP: settings.static_prior}
 
-    def worth(name: str, probable: list[str], carries: Array) -> bool:
-        forms = _choose_forms(name, probable, outputs, choices)
+    def worth(name: str, probable: list[str], looked: Collection[str], carries: Array) -> bool:
+        forms = _choose_forms(name, probable, looked, outputs, choices)
         return name == MEMORY or bool(_carriers(outputs, choices, name, forms, carries, settings))
 
     alone, beside, families = _score_all(outputs, candidates, choices, settings)
     channels = [state.output.channel for state in outputs]
     verdicts = weigh_names(alone, beside, channels, priors, settings.most_evidence, worth)
-    forms = {name: _choose_forms(name, probable, outputs, choices) for name, probable in verdicts.forms.items()}
+    forms = {
+        name: _choose_forms(name, probable, verdicts.looked[name], outputs, choices)
+        for name, probable in verdicts.forms.items()
+    }
     verdicts = replace(verdicts, forms=forms)
     verdicts = _believe_exact(outputs, choices, verdicts, settings)
     raws = {}
@@ -137,13 +140,20 @@ def rank(
 
 
 def _choose_forms(
-    name: str, probable: Sequence[str], outputs: Sequence[FittedChannel], choices: Sequence[Choice]
+    name: str,
+    probable: Sequence[str],
+    looked: Collection[str],
+    outputs: Sequence[FittedChannel],
+    choices: Sequence[Choice],
 ) -> list[str]:
-    """Return the form of a name with the smallest gap in its channel, of those fitted; else the most probable."""
+    """Return the form of a name with the smallest gap in its channel, of those looked at and fitted.
+
+    Else it is the most probable.
+    """
     squares: dict[str, dict[str, float]] = {state.output.channel: {} for state in outputs}
     for channel, own in squares.items():
         its = [(state, fits) for state, fits in zip(outputs, choices, strict=True) if state.output.channel == channel]
-        for form in dict.fromkeys(form for _, fits in its for known, form in fits if known == name):
+        for form in dict.fromkeys(form for _, fits in its for known, form in fits if known == name and form in looked):
             own[form] = sum(state.ratio(fits.get((name, form), state.current).raw) ** 2 for state, fits in its)
     channels = [squares[state.output.channel] for state in outputs]
     return [min(own, key=own.__getitem__, default=form) for own, form in zip(channels, probable, strict=True)]
@@ -222,7 +232,7 @@ def _fit_corrected(
     """Return what effects of sensors do to other outputs of the element: place, candidate's place, key and fit."""
     corrected = []
     for source, key, fitted in [(source, *each) for source, choice in enumerate(choices) for each in choice.items()]:
-        form, values = fitted.fit.model.name_values(fitted.fit.values)[1][-1]
+        form, values = fitted.effects[-1]
         for place, state in enumerate(outputs):
             if place == source or outputs[source].output.element != state.output.element or state.current.forms:
                 continue
@@ -280,9 +290,8 @@ def _is_static(state: FittedChannel, form: EffectForm, settings: SearchSettings)
 
 def _is_patch(fitted: Fitted, settings: SearchSettings) -> bool:
     """Return whether a form was added to an output, and as it was fitted it is a static map itself."""
-    model = fitted.fit.model
-    newest = model.name_values(fitted.fit.values)[1][-1:]
-    return any(model.output.find_past_share(*each) < settings.least_share for each in newest)
+    output = fitted.fit.model.output
+    return any(output.find_past_share(*each) < settings.least_share for each in fitted.effects[-1:])
 
 
 def _share_maps(

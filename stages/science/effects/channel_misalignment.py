@@ -27,7 +27,7 @@ EFFECT = ChainEffect(
     signal="sensed_force_n",
     parameters=(
         Parameter(
-            "late_s", "s", -0.1, 0.1, 0.0, 0.01, "by which force is later than pressure and motion", (0.012, -0.012)
+            "late_s", "s", -0.3, 0.3, 0.0, 0.05, "by which force is later than pressure and motion", (0.02, -0.02)
         ),
     ),
     source="Ljung, System identification: theory for the user, 2nd edition (1999), chapter 14: preprocessing data",

@@ -9,6 +9,7 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import Any, ClassVar, Literal, Self, cast
 
 import numpy as np
@@ -27,6 +28,7 @@ from stages.science.output_channels.output_channel import (
 from stages.science.plant.actuator_path import Acting, ActuatorPath, predict_force, predict_pressure
 from stages.science.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients
+from stages.science.signals.filtering import white_share
 from stages.science.signals.trajectories import Array
 
 EXACT = "saturation"
@@ -66,13 +68,17 @@ class Records:
     """By signal, where it was measured."""
     others: Mapping[str, Array]
     """Signals of other muscles and joints."""
+    factor: int
+    """Samples of the recording in one of these."""
+    readings: Mapping[str, Array]
+    """By signal, what its sensor showed, each sample of the recording, (S, K); NaN where nothing."""
 
     def take(self, trials: Sequence[int]) -> Records:
         """Return some of the trials."""
         chosen = list(trials)
         signals = ("command_kpa", "pressure_kpa", "smooth_pressure_kpa", "contraction", "velocity_per_s", "force_n")
         taken: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[:, chosen]) for name in signals}
-        for name in ("known", "others"):
+        for name in ("known", "others", "readings"):
             taken[name] = {signal: values[:, chosen] for signal, values in getattr(self, name).items()}
         return replace(self, start_s=self.start_s[chosen], **taken)
 
@@ -120,18 +126,28 @@ class MuscleChannel(OutputChannel):
 
     def find_counts(self, constants: Mapping[str, float]) -> Counts | None:
         """Return the counts that the values of this channel's sensor show, as far as an effect has such."""
-        step = find_count(self.measured[self.present], self.limits)
+        step = find_count(self._readings, self.limits)
         if step is None:
             return None
         form = next(each for each in self.forms if each.name == QUANTISATION)
         size, full = form.parameters[0], float(self._collect(constants).full_force_n[0])
         told = step if size.unit == self.unit else step / full
-        return Counts(form, {size.name: told}, step) if told <= size.high else None
+        if told > size.high:
+            return None
+        second = np.diff(self.records.readings[self.channel], 2, axis=0)  # of white noise, six times its square
+        white = float(np.nanmean(second**2)) / 6.0
+        return Counts(form, {size.name: told}, step, white * (1.0 - white_share(self.records.factor)))
 
     @property
+    def _readings(self) -> Array:
+        """What the sensor showed, (N,)."""
+        shown = self.records.readings[self.channel]
+        return shown[np.isfinite(shown)]
+
+    @cached_property
     def _level(self) -> float | None:
         """Largest value, where it recurs exactly; the smallest value recurs in a muscle at rest too."""
-        highest = find_levels(self.measured[self.present], self.limits).highest
+        highest = find_levels(self._readings, self.limits).highest
         return highest if highest is not None and highest > 0.0 else None
 
     def _collect(self, constants: Mapping[str, float]) -> MuscleConstants:
@@ -229,6 +245,16 @@ class ForceChannel(MuscleChannel):
             return self
         path = ActuatorPath(self._collect({}), sensor, self.step_s, self.start_s)
         return self.from_pressure(path.unsense_pressure(self.records.smooth_pressure_kpa))
+
+    def acting(self, effects: Placed) -> ForceChannel:
+        """Return the output with the contraction that acts, where what shows it has an effect."""
+        inner = [
+            each for each in _name_effects(effects) if each[0].site == "sensor" and each[0].signal == "contraction"
+        ]
+        if not inner:
+            return self
+        path = ActuatorPath(self._collect({}), [Acting(*each) for each in inner], self.step_s, self.start_s)
+        return self.from_signals({"contraction": path.contract(self.records.contraction)})
 
     def from_pressure(self, pressure_kpa: Array) -> ForceChannel:
         """Return the output with another pressure, (T, K), than the measured one."""

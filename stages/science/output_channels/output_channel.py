@@ -68,6 +68,8 @@ class Counts:
     parameters: Mapping[str, float]
     step: float
     """In the channel's unit."""
+    averaged_out: float
+    """Mean square of the sensor's white noise that the channel, whose samples are means of several, lacks."""
 
 
 Placed = Sequence[tuple[EffectForm, Mapping[str, float]]]
@@ -213,6 +215,10 @@ class OutputChannel(ABC):
 
         Those are of another channel of this element: (name, form, parameters).
         """
+        return self
+
+    def acting(self, effects: Placed) -> OutputChannel:
+        """Return the output with the inputs that act, where effects of their sensors are among its own; else itself."""
         return self
 
     @property

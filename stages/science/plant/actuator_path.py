@@ -93,6 +93,15 @@ class ActuatorPath:
         force = self._bend("force_n", static, state)
         return force, self._bend("tension_n", force, state)
 
+    def contract(self, contraction: Array) -> Array:
+        """Return the muscle's contraction, 1, of that by the joint's geometry, where neither pressure nor rate tells.
+
+        These are zero for the effects that act on it.
+        """
+        shown = _contiguous(contraction)
+        still = np.zeros_like(shown)
+        return self._apply("contraction", shown, lambda: self._state(still, still, shown, still))
+
     def pull_nominally(self, pressure_kpa: Array, contraction: Array, velocity_per_s: Array) -> Array:
         """Return the tension, N, that the static law alone gives; see `pull`."""
         return compute_tension(pressure_kpa, contraction, velocity_per_s, self.constants)

@@ -1,4 +1,6 @@
-"""The derivative of a sampled signal."""
+"""The derivative of a sampled signal, and the same signal at a lower rate."""
+
+import numpy as np
 
 from stages.science.signals.trajectories import Array
 
@@ -36,3 +38,26 @@ def window_samples(sampling_rate_hz: float, window_s: float) -> int:
 def window_length(sampling_rate_hz: float, window_s: float, order: int) -> int:
     """Return the odd number of samples nearest to a window's length that still holds a polynomial of that order."""
     return max(window_samples(sampling_rate_hz, window_s), order + 1 + order % 2)
+
+
+def decimate(signal: Array, factor: int, held: bool = False) -> Array:
+    """Return every `factor`-th sample of a signal (T, K), from the first, of its mean over triangles around them.
+
+    So nothing is late, and little is aliased. Of a signal that is `held` from each sample to the next the mean until
+    the next one returned is taken instead. Ends are held.
+    """
+    from scipy.ndimage import convolve1d
+
+    if factor == 1:
+        return signal
+    even = np.full(factor, 1.0 / factor)
+    smooth = convolve1d(signal, np.convolve(even, even), axis=0, mode="nearest")
+    if held:
+        smooth = convolve1d(smooth, np.append(even, np.zeros(factor - 1)), axis=0, mode="nearest")
+    return np.ascontiguousarray(smooth[::factor])
+
+
+def white_share(factor: int) -> float:
+    """Return the share of the variance of white noise that `decimate` leaves."""
+    even = np.full(factor, 1.0 / factor)
+    return float((np.convolve(even, even) ** 2).sum())

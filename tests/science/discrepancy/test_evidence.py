@@ -80,3 +80,20 @@ def test_the_outputs_that_carry_a_name_are_told():
     first, second, both = 0.25 * np.exp(8.0), 0.25 * np.exp(-6.0), 0.5 * np.exp(2.0)
     expected = np.array([first + both, second + both, 0.0]) / (first + second + both)
     np.testing.assert_allclose(said.carries["wave"], expected, rtol=1e-9)
+
+
+def test_beside_a_static_map_a_form_that_is_one_may_not_be_the_name():
+    """What the map tells better than a patch of it is not then said by that patch."""
+    alone = Beside(np.zeros(1), {("slack", "patch"): {0: 30.0}, ("slack", "opening"): {0: 0.0}})
+    beside = Beside(np.array([60.0]), {("slack", "opening"): {0: 64.0}})
+    offered = {}
+
+    def worth(name, forms, looked, carries):
+        offered[name] = list(looked)
+        return True
+
+    said = weigh_names(alone, beside, ["y"], {"none": 0.5, "static_map": 0.1, "slack": 0.5}, 1e3, worth)
+    assert list(said.looked["slack"]) == offered["slack"] == ["opening"]
+    mapped = Beside(np.array([10.0]), {("slack", "opening"): {0: 11.0}})
+    said = weigh_names(alone, mapped, ["y"], {"none": 0.5, "static_map": 0.1, "slack": 0.5}, 1e3, worth)
+    assert {*said.looked["slack"]} == {"patch", "opening"}

@@ -4,6 +4,8 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from stages.science.plant.filters import respond
+from stages.science.signals.filtering import decimate, white_share
 from stages.science.signals.measures import find_delay
 from stages.science.signals.noise import band_noise
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
@@ -101,3 +103,32 @@ def test_what_was_standardised_is_restored(generator):
     np.testing.assert_allclose(restored, samples[list(MODEL_INPUTS)], rtol=1e-12)
     np.testing.assert_allclose(scaling.restore_force(scaling.output_of(samples)), samples[MODEL_OUTPUT], rtol=1e-12)
     np.testing.assert_allclose(scaling.restore_inputs(np.ones((1, 3))), [[130.0, 0.15, 2.0]])
+
+
+@pytest.mark.parametrize("factor", [2, 4, 5])
+def test_a_decimated_signal_is_not_late_and_has_no_alias(factor):
+    time_s = np.arange(2000) / 500.0
+    slow, fast = np.sin(2.0 * np.pi * 1.5 * time_s), np.sin(2.0 * np.pi * (500.0 / factor - 1.5) * time_s)
+    kept = decimate(np.stack([slow, fast], axis=1), factor)[5:-5]
+    assert kept[:, 0] == pytest.approx(slow[::factor][5:-5], abs=2e-3)
+    assert np.abs(kept[:, 1]).max() < 2e-3
+
+
+@pytest.mark.parametrize("factor", [2, 4, 5])
+def test_a_lag_of_a_decimated_command_is_the_decimated_lag(factor):
+    """The command is held from sample to sample, so its mean until the next kept one drives the lag."""
+    step_s, tau_s = 0.002, np.array([0.04])
+    command = 300.0 + 100.0 * np.sin(2.0 * np.pi * 1.3 * step_s * np.arange(4000))[:, None]
+    fine = decimate(respond(command, tau_s, tau_s, step_s), factor)
+    coarse = respond(decimate(command, factor, held=True), tau_s, tau_s, factor * step_s)
+    late = respond(decimate(command, factor), tau_s, tau_s, factor * step_s)
+    inside = slice(200, -5)
+    error, without = (np.abs(fine - each)[inside].max() for each in (coarse, late))
+    assert error < 5.0 * (factor * step_s / tau_s[0]) ** 2  # of an amplitude of 100; of second order in the step
+    assert without > 5.0 * error
+
+
+@pytest.mark.parametrize("factor", [1, 2, 5])
+def test_the_share_of_white_noise_that_is_left_is_told(generator, factor):
+    noise = generator.standard_normal((20000, 4))
+    assert decimate(noise, factor).var() == pytest.approx(white_share(factor), rel=0.05)
