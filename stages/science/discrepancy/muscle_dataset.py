@@ -26,8 +26,7 @@ SIGNALS = {
 
 
 SAMPLES = 5
-"""Samples in the width over which pressure is smoothed; more would tell nothing more of a muscle, and cost their time.
-"""
+"""Samples in the width over which pressure is smoothed, of the most that are kept."""
 
 
 def _collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, str], smoothing_s: float) -> Records:
@@ -53,12 +52,12 @@ def _collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, s
             seen.add(joint)
             others[f"{joint} contraction"] = _spread(rows, order, "contraction", samples)[1]
     readings = {name: np.where(known[name], signals[name], np.nan) for name in ("pressure_kpa", "force_n")}
-    factor = max(int(smoothing_s / SAMPLES / step_s * (1.0 + 1e-9)), 1)
-    signals = {name: decimate(each, factor, held=name == "command_kpa") for name, each in signals.items()}
-    others = {name: decimate(each, factor, held="command" in name) for name, each in others.items()}
-    known = {name: decimate(each.astype(float), factor) > 0.5 for name, each in known.items()}
+    times = max(int(smoothing_s / SAMPLES / step_s * (1.0 + 1e-9)), 1)
+    signals = {name: decimate(each, times, held=name == "command_kpa") for name, each in signals.items()}
+    others = {name: decimate(each, times, held="command" in name) for name, each in others.items()}
+    known = {name: decimate(each.astype(float), times) > 0.5 for name, each in known.items()}
     start -= start[0]
-    return Records(factor * step_s, start, **signals, known=known, others=others, factor=factor, readings=readings)
+    return Records(times * step_s, start, **signals, known=known, others=others, averaged=times, readings=readings)
 
 
 def _smooth(signal: Array, step_s: float, width_s: float) -> Array:

@@ -10,6 +10,7 @@ from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
 from stages.science.discrepancy.settings import DiscrepancySettings, ReportSettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.output_channels.muscle_channels import QUANTISATION
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.plant.effect import Parameter, find_effect
 from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.plant import Plant
@@ -210,6 +211,17 @@ def describe_scales(plant: Plant | RecordPlant) -> list[str]:
         told.append(f"a scale of {words} is {scale:.3g} {unit}".strip())
     told += [f"a pace is {plant.time_scale_s:.3g} s"] if plant.time_scale_s is not None else []
     return [f"Where sizes are told in them, {_join(told)}."] if told else []
+
+
+def describe_rate(output: OutputChannel) -> list[str]:
+    """Return at which rate recordings are judged, if it is less than that at which they were made."""
+    if output.averaged == 1:
+        return []
+    judged_hz = 1.0 / output.step_s
+    return [
+        f"Judged at {judged_hz:.4g} Hz, as means of what was recorded at {judged_hz * output.averaged:.4g} Hz: more "
+        "samples tell nothing more of so slow a motion."
+    ]
 
 
 def describe_few_trials(fitted: int, test: int, least: int) -> list[str]:

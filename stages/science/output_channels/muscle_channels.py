@@ -68,8 +68,7 @@ class Records:
     """By signal, where it was measured."""
     others: Mapping[str, Array]
     """Signals of other muscles and joints."""
-    factor: int
-    """Samples of the recording in one of these."""
+    averaged: int
     readings: Mapping[str, Array]
     """By signal, what its sensor showed, each sample of the recording, (S, K); NaN where nothing."""
 
@@ -97,6 +96,7 @@ class MuscleChannel(OutputChannel):
     def __post_init__(self) -> None:
         records = self.records
         self.element, self.step_s, self.start_s = self.build.name, records.step_s, records.start_s
+        self.averaged = records.averaged
         self.measured = getattr(records, self.channel)
         self.present = np.logical_and.reduce([records.known[name] for name in self.needed])
 
@@ -136,7 +136,7 @@ class MuscleChannel(OutputChannel):
             return None
         second = np.diff(self.records.readings[self.channel], 2, axis=0)  # of white noise, six times its square
         white = float(np.nanmean(second**2)) / 6.0
-        return Counts(form, {size.name: told}, step, white * (1.0 - white_share(self.records.factor)))
+        return Counts(form, {size.name: told}, step, white * (1.0 - white_share(self.averaged)))
 
     @property
     def _readings(self) -> Array:

@@ -142,6 +142,8 @@ class OutputChannel(ABC):
     """Numerical error of any simulation, in the channel's unit; the noise floor is never below it."""
     other_starts: Sequence[dict[str, float]] = ()
     """Other starting values of some constants for the nominal fit; the best fit is taken."""
+    averaged: int = 1
+    """Samples of the recording in one of these: more of them would tell nothing more."""
     jitters: bool = True
     """Whether each trial may have an offset and a gain of its own, as parts of one record have not."""
 

@@ -77,7 +77,6 @@ class WholeRecordChannel(OutputChannel):
     head: int
     """Samples by which that may be refined."""
     averaged: int
-    """Samples of the record in one of the output."""
     limits: DetectionSettings
     jitters = False
 
