@@ -62,8 +62,9 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     """Return what is said of a dataset whose search has ended.
 
     An effect stands if its probability is enough and the gap of trials left out of the fit falls with it, beside the
-    others that stand, or if exact values show it, as they show a sensor's counts. The others are taken out again, the
-    newest first. The generator flips signs and draws weights of trials.
+    others that stand, or if exact values show it, as they show a sensor's counts. One that was found beside others of
+    its muscle and channel shares their doubts. The others are taken out again, the newest first. The generator flips
+    signs and draws weights of trials.
     """
     limits = settings.search
     counted = _name_counts(found.outputs, limits)
@@ -77,7 +78,10 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     for added, step in zip(reversed(found.named), reversed(found.steps), strict=False):
         without = _drop(found, present, [added])
         p_value = _compare_left_out(found.outputs, without, present, added, generator)
-        named = replace(added, p_value=p_value, probability=added.doubt(doubts[added.channel]))
+        earlier = found.named[: found.named.index(added)]
+        built_on = sum(each.channel == added.channel and bool({*each.elements} & {*added.elements}) for each in earlier)
+        sure = (1.0 - doubts[added.channel]) ** (1 + built_on)  # it may make up for what another's form lacks
+        named = replace(added, p_value=p_value, probability=added.doubt(1.0 - sure))
         if named.probability >= limits.certain and (named.shown or p_value <= bearable):
             stand.insert(0, named)
             reached.insert(0, step)

@@ -76,8 +76,8 @@ class WholeRecordChannel(OutputChannel):
     """How each record begins."""
     head: int
     """Samples by which that may be refined."""
-    averaged: int
     limits: DetectionSettings
+    averaged: int
     jitters = False
 
     def __post_init__(self) -> None:
@@ -305,8 +305,8 @@ def build_whole_records(
         resolved.element,
         tuple(read_initial_state([each[plant.output][:HEAD]], first_s, 0.5 * (step_s - first_s)) for each in bridged),
         max(HEAD // stride, 3),
-        stride,
         limits,
+        stride,
     )
 
 

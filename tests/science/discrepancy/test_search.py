@@ -117,10 +117,12 @@ def test_a_name_that_leaves_more_than_its_forms_differ_by_is_doubted(clean):
     assert sure.doubt < 0.05
     assert 0.03 < left.share < SETTINGS.unexplained_share
     assert left.ambiguous > 0.5
-    assert said.doubt == pytest.approx(0.4 * left.ambiguous)
+    assert said.doubt == pytest.approx(SETTINGS.ambiguous_weight * left.ambiguous)
 
 
-@pytest.mark.parametrize(("names", "shown", "doubt"), [(2, False, 0.0), (3, False, 0.4), (3, True, 0.0)])
+@pytest.mark.parametrize(
+    ("names", "shown", "doubt"), [(2, False, 0.0), (3, False, SETTINGS.ambiguous_weight), (3, True, 0.0)]
+)
 def test_many_names_in_a_channel_may_be_one_without_a_name(names, shown, doubt, clean):
     single = clean[0].named
     many = replace(clean[0], named=[*single * (names - 1), replace(single[0], shown=shown)])
@@ -136,6 +138,16 @@ def test_a_name_that_left_out_trials_do_not_confirm_is_suspected_and_taken_out_a
     assert [each.name for each in doubted.suspected] == ["wave"]
     assert doubted.suspected[0].p_value > 0.05
     assert doubted.steps == [single.steps[0]]
+
+
+def test_a_name_built_on_a_doubted_one_is_doubted_twice():
+    found, said = run(TWO)
+    assert len(said.effects) == 2
+    doubting = SETTINGS.model_copy(update={"ambiguous_share": -1.0})  # whatever is left, it is too much
+    left = decide(found, DISCREPANCY.model_copy(update={"search": doubting}), np.random.default_rng(1))
+    sure = 1.0 - SETTINGS.ambiguous_weight
+    assert [each.probability for each in (*left.effects, *left.suspected)] == pytest.approx([sure, sure**2])
+    assert [each.name for each in left.effects] == [found.named[0].name]
 
 
 def test_one_of_two_names_is_taken_out_and_the_other_stays():
