@@ -4,7 +4,7 @@ Tables of what was measured flow in, with the configured plant; a `Dataset` flow
 """
 
 from collections.abc import Iterator, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cached_property
 from typing import Any
 
@@ -19,6 +19,7 @@ from stages.science.plant.machine import list_kinds
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
 from stages.science.recording.measured_tables import MeasuredTables
+from stages.science.recording.muscles import NOMINAL
 
 
 @dataclass(frozen=True)
@@ -76,11 +77,21 @@ def build_dataset(
     check_plant(plant, kind, list(dict.fromkeys(tables.measured_signals["signal"])))
     trials, parts = trial_parts["trial"].to_list(), trial_parts["part"].to_list()
     if not isinstance(plant, RecordPlant):
-        return Dataset(plant, build_muscle_channels(tables, settings), trials, parts)
+        told = replace(tables, measured_muscles=_begin_with(plant, tables.measured_muscles))
+        return Dataset(plant, build_muscle_channels(told, settings), trials, parts)
     gaps = {name: trial_parts[name].to_numpy() for name in ("left_before", "left_after")}
     blocks = tables.measured_trials.assign(**gaps)
     output = build_whole_records(tables.measured_signals, blocks, plant, settings.detection)
     return Dataset(output.plant, [output], trials, parts)
+
+
+def _begin_with(plant: Plant, muscles: pd.DataFrame) -> pd.DataFrame:
+    """Return a row for each muscle in which constants that meta.json does not tell are the plant's."""
+    rows = muscles.to_dict("records")
+    for row in rows:
+        for name in [each for each in NOMINAL if pd.isna(row[each])]:
+            row[name] = getattr(plant.find_model(row["muscle"], row["type"]), name)
+    return pd.DataFrame(rows, columns=muscles.columns)
 
 
 def check_plant(plant: Plant | RecordPlant, kind: str, known: Sequence[str]) -> None:

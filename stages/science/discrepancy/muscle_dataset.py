@@ -91,7 +91,13 @@ def _spread(rows: pd.DataFrame, order: Sequence[int], column: str, samples: int)
 
 
 def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings) -> list[MuscleChannel]:
-    """Return the output channels of a dataset: for every muscle its pressure and its force, where there are data."""
+    """Return the output channels of a dataset: for every muscle its pressure and its force, where there are data.
+
+    Raises
+    ------
+    ValueError
+        When the settings have no largest pressure for a muscle's type.
+    """
     tolerances, limits = settings.tolerances, settings.muscle_channels
     site = str(tables.measured_session["load_cell_site"].iloc[0])
     load_cell_site: Literal["muscle_tip", "joint_end"] = "muscle_tip" if site == "muscle_tip" else "joint_end"
@@ -101,6 +107,11 @@ def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings)
     for row in muscles.to_dict("records"):
         records = _collect_records(tables, row["muscle"], joints, limits.smoothing_s)
         area, arm = 1000.0 * np.pi * (0.5 * row["nominal_diameter_m"]) ** 2, row["sign"] * row["moment_arm_m"]
+        if row["type"] not in settings.max_pressure_kpa:
+            raise ValueError(
+                f"discrepancy.max_pressure_kpa: expected the largest pressure of {row['type']}, the type of muscle "
+                f"{row['muscle']}, got none; type +discrepancy.max_pressure_kpa.{row['type']}=600"
+            )
         most, zero = settings.max_pressure_kpa[row["type"]], row["contraction_at_angle_0"]
         build = Build(row["muscle"], area, most, zero, arm / row["rest_length_m"], arm)
         for kind in (PressureChannel, ForceChannel):

@@ -147,18 +147,22 @@ class Plant(Declared):
         return self
 
     def model_of(self, muscle: Muscle) -> MuscleModel:
-        """Return a muscle's constants: its own, else its type's.
+        """Return a muscle's constants; see `find_model`."""
+        return self.find_model(muscle.name, muscle.type)
+
+    def find_model(self, name: str, kind: str) -> MuscleModel:
+        """Return the constants of a muscle of a name and a type: its own, else its type's.
 
         Raises
         ------
         ValueError
             When there are neither.
         """
-        for key in (muscle.name, muscle.type):
+        for key in (name, kind):
             if key in self.muscles:
                 return self.muscles[key]
-        hint = nearest(muscle.type, self.muscles)
-        raise ValueError(f"plant has no constants for muscle {muscle.name} or its type {muscle.type}; {hint}")
+        hint = nearest(kind, self.muscles)
+        raise ValueError(f"plant has no constants for muscle {name} or its type {kind}; {hint}")
 
 
 def collect_constants(exoskeleton: Exoskeleton, plant: Plant) -> MuscleConstants:

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from stages.science.discrepancy.dataset import build_dataset
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.parts import Parts, assign_parts, leave_gaps
 from stages.science.discrepancy.settings import choose_verification
@@ -11,7 +12,7 @@ from stages.science.recording.datasets import tabulate_session
 from tests.science.discrepancy.searches import DISCREPANCY
 from tests.science.discrepancy.sessions import record_session
 from tests.science.discrepancy.simulated_records import build_records, tabulate
-from tests.science.plant.machines import read_plant
+from tests.science.plant.machines import configured, read_plant
 
 GIVEN = ["estimation"] * 8 + ["validation"] * 3 + ["arrow"] * 2
 
@@ -124,6 +125,30 @@ def test_a_shorter_trial_shortens_no_other():
         padded = np.pad(own, ((1, 1), (0, 0)), mode="edge")
         smooth = (0.25 * padded[:-2] + 0.5 * own + 0.25 * padded[2:])[::2]
         np.testing.assert_allclose(output.measured[output.present], smooth[output.present])
+
+
+def test_constants_that_meta_json_does_not_tell_are_those_of_the_plant():
+    samples, meta = record_session(trials=4, seconds=0.6, muscles=("pam1",))
+    tables = tabulate_session(samples, {**meta, "nominal": {"valve_tau_s": 0.051}}, "short")
+    plant, purposes = configured().plant, pd.DataFrame({"trial": range(4), "part": "fitted"})
+    outputs = build_dataset(plant, tables, purposes, DISCREPANCY).outputs
+    told = {each.name: each.prior_mean for output in outputs for each in output.constants}
+    usual = plant.find_model("pam1", meta["muscles"]["pam1"]["type"])
+    expected = (0.051, usual.braid_angle_deg, usual.contraction_factor, usual.damping_n_s)
+    names = ("valve_tau_s", "braid_angle_deg", "contraction_factor", "damping_n_s")
+    assert tuple(told[name] for name in names) == expected
+
+
+def test_a_type_of_muscle_without_constants_or_largest_pressure_is_refused():
+    samples, meta = record_session(trials=4, seconds=0.6, muscles=("pam1",))
+    unknown = {"pam1": {**meta["muscles"]["pam1"], "type": "MAS-5"}}
+    purposes = pd.DataFrame({"trial": range(4), "part": "fitted"})
+    bare = tabulate_session(samples, {**meta, "muscles": unknown, "nominal": {}}, "short")
+    with pytest.raises(ValueError, match="no constants for muscle pam1 or its type MAS-5"):
+        build_dataset(configured().plant, bare, purposes, DISCREPANCY)
+    told = tabulate_session(samples, {**meta, "muscles": unknown}, "short")
+    with pytest.raises(ValueError, match=r"type \+discrepancy.max_pressure_kpa.MAS-5=600"):
+        build_dataset(configured().plant, told, purposes, DISCREPANCY)
 
 
 def test_the_share_that_the_past_makes_is_zero_if_reversed_time_leaves_the_force():
