@@ -222,7 +222,7 @@ def show_map(cfg: Config) -> list[str]:
     with about(str(file)):
         header = read_header(file)
         told = cfg.map(read_known(cfg.measured, cfg)).describe(header.names)
-        return [f"{file}:", *(f"  {each}" for each in [*header.remarks, *told])]
+        return [f"{file}:", *(f"  {each}" for each in [*header.remarks, *header.dropped, *told])]
 
 
 def describe_file(path: InputPath) -> list[str]:
@@ -418,7 +418,7 @@ def note_reading(file: Path, cfg: Config, known: pd.DataFrame) -> Notes:
         notes.append(("time_s", f"counted at {cfg.measurement.rate_hz:g} Hz (measurement.rate_hz)"))
     if is_one_trial(cfg.columns, header.names):
         notes.append(("trial", "the whole file is one, number 0"))
-    return notes + ([(file.name, each) for each in header.remarks] if is_bag(file) else [])
+    return notes + [(file.name, each) for each in [*header.dropped, *(header.remarks if is_bag(file) else [])]]
 
 
 def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:

@@ -45,8 +45,13 @@ def describe(
     rows = sorted({len(values) for values in columns.values()})
     if not rows or rows[-1] == 0:
         raise RecordingError("; ".join(["expected columns with values, got none", *header.remarks]))
+    if not any(_is_number(values) and values.notna().sum() > 1 for values in columns.values()):
+        raise RecordingError(f"expected a column of two numbers or more, got none in {', '.join(columns)}")
     guess = _guess_columns(columns, header.units, header.single)
-    lines = [f"{len(columns)} columns, {' or '.join(map(str, rows))} rows", *(f"  {each}" for each in header.remarks)]
+    lines = [
+        f"{len(columns)} columns, {' or '.join(map(str, rows))} rows",
+        *(f"  {each}" for each in [*header.remarks, *header.dropped]),
+    ]
     lines += [f"  {name} = {value:g}, a single number" for name, value in header.single.items()]
     lines += ["", *_describe_columns(columns, header.units, guess)]
     lines += ["", *_describe_clock(columns, guess, largest_jitter)]

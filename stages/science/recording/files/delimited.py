@@ -1,191 +1,416 @@
-"""Text files of numbers as other programs write them: separators, decimal commas, comments, a row of units.
+"""Text files of numbers as loggers write them: separators, decimal commas, preambles, units, rows that are no numbers.
 
-The first lines of a file flow in; what is needed to read it flows out, or a `ValueError` that says what to change.
+A path flows in; a `TextTable` flows out: its columns, and what is out of the ordinary about it. A `ValueError` says
+what to change. Lines count from 1, as in an editor.
 """
 
+import bz2
 import codecs
 import csv
+import gzip
 import re
-import warnings
 from collections import Counter
-from collections.abc import Collection, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
-SEPARATORS = ("\t", ";", ",", "")
+from stages.science.recording.units import read_unit
+
+SEPARATORS = ("\t", ";", ",", "|", "")
 """Between columns, the first of equals first; the empty one stands for blanks."""
-SAID = {"\t": "tabs", ";": "semicolons", ",": "commas", "": "blanks"}
-COMMENTS = ("#", "%", "//")
-SAMPLE_BYTES, SAMPLE_LINES = 1 << 16, 60
-NOTHING = ("", "nan", "na", "n/a", "null", "none")
+SAID = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", "": "blanks"}
+COMMENT = re.compile(r"\s*(#|%|//|;|!|')+")
+PACKED: Mapping[str, Callable[[bytes], bytes]] = {".gz": gzip.decompress, ".bz2": bz2.decompress}
+NOTHING = frozenset(["", "nan", "na", "n/a", "#n/a", "#n/v", "null", "none", "nil", "-", "--", "---", "----", "*", "?"])
+NOTHING |= {"#div/0!", "#value!", "#num!", "1.#qnan", "-1.#ind"}
+"""Words for a missing value, in small letters."""
+LOOKED = 400
+"""Lines from which separators are told: so many from the middle, where hardly any head a table."""
+CLEAR = 1.5
+"""How many times as many values blanks must part as any other separator."""
+LACKING = 0.1
+"""Share of rows up to which those that lack their last values are left out."""
+LISTED = 5
+"""Lines that a remark lists."""
+HEADS = 3
+"""Rows above the values that may head the columns: names, units, and what was done to them."""
+NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+MOMENT = re.compile(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d{1,2}:\d{2}")
+FACT = re.compile(rf"[^A-Za-z]*([A-Za-z][^:=\t;,]*?)\"?\s*[:=\t;,]+\s*\"?({NUMBER}|[-+]?\d+,\d+)\s*([^\d\s\";,]*)\W*")
+"""A line that tells one number of a recording: its name, the number, its unit."""
 
 
 @dataclass(frozen=True)
-class Dialect:
-    """How a text file is to be read: its characters, what separates columns and decimals, and what heads the columns.
+class TextTable:
+    """A table of a text file: its columns, units of a row of their own, single numbers above it.
 
-    `first_line` counts the lines before the first row of values; units are those of a row of their own, if there is
-    one; remarks tell what is out of the ordinary.
+    `remarks` tell how it is read where that is out of the ordinary, `dropped` which rows are left out.
     """
 
-    encoding: str
-    separator: str
-    decimal: str
-    first_line: int
-    names: tuple[str, ...]
-    units: tuple[str, ...]
+    columns: pd.DataFrame
+    units: Mapping[str, str]
+    single: Mapping[str, float]
     remarks: tuple[str, ...]
+    dropped: tuple[str, ...]
 
 
-def find_dialect(path: Path) -> Dialect:
-    """Return how a text file is to be read, from its first lines; a `ValueError` tells that it holds no table."""
-    text, encoding, whole = _read_sample(path)
-    lines = text.splitlines()[: None if whole else -1][:SAMPLE_LINES]
-    kept = [k for k, line in enumerate(lines) if line.strip() and not line.lstrip().startswith(COMMENTS)]
-    if not kept:
-        raise ValueError("No columns to parse from file")
-    separator, decimal = _choose([lines[k] for k in kept])
-    rows = {k: _split(lines[k], separator) for k in kept}
-    width = len(rows[kept[0]])
-    comments = {k: _split(lines[k].lstrip().lstrip("#%/"), separator) for k in range(len(lines)) if k not in kept}
-    told, units, after = _name_columns(kept, rows, [comments[k] for k in comments if k < kept[0]], decimal)
-    first_line = kept[after] if after < len(kept) else len(lines)
-    beside = (each for k, each in comments.items() if kept[0] < k < first_line and len(each) == width and any(each))
-    units = units or next(beside, [])
+@dataclass(frozen=True)
+class _Column:
+    """A column of fields: their numbers, which of them are numbers, moments and missing, and units of some by place."""
+
+    numbers: NDArray[np.generic]
+    is_number: NDArray[np.bool_]
+    is_moment: NDArray[np.bool_]
+    missing: NDArray[np.bool_]
+    units: Mapping[int, str]
+
+    @property
+    def told(self) -> bool:
+        """Whether it is one of numbers or moments, as most of its fields are."""
+        return bool((self.is_number | self.is_moment).sum() >= 0.5 * (~self.missing).sum())
+
+    def tell_unit(self, kept: NDArray[np.int_]) -> str:
+        """Return the unit that kept fields hold, if all that hold one hold the same."""
+        own = {*map(int, kept)} if self.units else set()
+        found = {unit for place, unit in self.units.items() if place in own}
+        return found.pop() if len(found) == 1 else ""
+
+
+def read_delimited(path: Path) -> TextTable:
+    """Return the table of a text file: the rows of numbers of one width, and what heads their columns."""
+    text, encoding = _decode(path)
+    lines = text.splitlines()
+    separator, decimal, width = _choose(lines)
+    places, fields = _split_all(lines, separator, width)
+    columns = [_read_column(fields[name], decimal) for name in fields]
+    if not any(each.told and (each.is_number | each.is_moment).any() for each in columns):
+        raise ValueError(f"expected rows of numbers, got {_shorten(next(filter(str.strip, lines), ''))!r} and the like")
+    kept = _find_rows(columns)
+    rows, first, last = places[kept], int(places[kept][0]), int(places[kept][-1])
+    if len(rows) < 2:
+        raise ValueError("expected two rows of numbers or more, got one")
+    ended = bool(columns[-1].missing[kept].all())
+    names, units, above = _find_heads(lines[:first], (separator, decimal), width, ended)
+    odd = _Odd.sort(lines, {*map(int, rows)}, (first, last), separator, width, decimal)
+    odd.check(len(rows), width)
+    told = _name(names, columns, kept)
+    frame = pd.DataFrame({name: _settle(columns[k], fields[k], kept) for k, name in told.items()})
+    own = {name: columns[k].tell_unit(kept) or (units[k] if units else "") for k, name in told.items()}
     remarks = {
-        f"columns separated by {SAID[separator]}": separator != ",",
-        "decimal commas": decimal == ",",
+        f"columns separated by {SAID[separator]}": separator != "," and width > 1,
+        "decimal commas": decimal == "," and any(each.told for each in columns),
         f"a row of units: {', '.join(units)}": any(units),
-        "no names of columns, which are counted: column_1, column_2, ...": not told,
+        "no names of columns, which are counted: column_1, column_2, ...": not names,
         "characters of Windows (cp1252)": encoding == "cp1252",
+        f"{_count(above, 'line')} above the table left alone": above > 0,
     }
     said = tuple(each for each, holds in remarks.items() if holds)
-    names = _each_once(told or [f"column_{k + 1}" for k in range(width)])
-    bare = tuple(each.strip("[]()") for each in units) if any(units) else ()
-    return Dialect(encoding, separator, decimal, first_line, tuple(names), bare, said)
+    single = _list_facts(lines[: first - (len(names) > 0)])
+    return TextTable(frame, {name: unit for name, unit in own.items() if unit}, single, said, odd.tell())
 
 
-def read_delimited(path: Path, dialect: Dialect, names: Collection[str] | None) -> pd.DataFrame:
-    """Return the rows of a text file, of all columns or of those of these names; a `ValueError` tells a longer row."""
-    try:
-        frame = _read(path, dialect, dialect.encoding)
-    except UnicodeDecodeError:
-        if dialect.encoding != "utf-8-sig":
-            raise
-        frame = _read(path, dialect, "cp1252")
-    return frame[[each for each in dialect.names if each and (names is None or each in names)]]
-
-
-def _read(path: Path, dialect: Dialect, encoding: str) -> pd.DataFrame:
-    with warnings.catch_warnings():
-        warnings.simplefilter("error", pd.errors.ParserWarning)  # pandas would drop what stands beyond the last name
+def _decode(path: Path) -> tuple[str, str]:
+    """Return a file as text, and its encoding."""
+    raw = path.read_bytes()
+    if unpack := PACKED.get(path.suffix.lower()):
+        raw = unpack(raw)
+    raw = raw.rstrip(b"\0") if not raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else raw
+    if not raw.strip():
+        raise ValueError("it is empty")
+    wide = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
+    for encoding in ["utf-16"] if wide else ["utf-8-sig", "cp1252"]:
         try:
-            return pd.read_csv(
-                path,
-                sep=dialect.separator or r"\s+",
-                decimal=dialect.decimal,
-                encoding=encoding,
-                header=None,
-                names=[each or " " * (k + 1) for k, each in enumerate(dialect.names)],
-                skiprows=dialect.first_line,
-                index_col=False,
-                skipinitialspace=True,
-                low_memory=False,
-            )
-        except pd.errors.ParserWarning:
-            raise ValueError(f"expected {len(dialect.names)} values in each row, as many as names, got more") from None
-
-
-def _read_sample(path: Path) -> tuple[str, str, bool]:
-    """Return the beginning of a file as text, its encoding, and whether that is all of it."""
-    with path.open("rb") as handle:
-        raw = handle.read(SAMPLE_BYTES)
-        whole = not handle.read(1)
-    encodings = ["utf-16"] if raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else ["utf-8-sig", "cp1252"]
-    for encoding in encodings:
-        try:
-            text = codecs.getincrementaldecoder(encoding)().decode(raw, final=whole)
+            text = raw.decode(encoding)
             break
         except UnicodeDecodeError:
-            if encoding == encodings[-1]:
+            if encoding != "utf-8-sig":
                 raise
-    if "\0" in text:
+    if "\0" in text.rstrip("\0"):
         raise ValueError("it holds no text")
-    return text, encoding, whole
+    return text.rstrip("\0"), encoding
 
 
 def _split(line: str, separator: str) -> list[str]:
     if not separator:
         return line.split()
+    if '"' not in line:
+        return [each.strip() for each in line.split(separator)]
     return [each.strip() for each in next(csv.reader([line.strip("\r\n ")], delimiter=separator), [])]
 
 
 def _is_number(field: str, decimal: str) -> bool:
+    return _to_number(field, decimal) is not None
+
+
+def _to_number(field: str, decimal: str, thousands: bool = False) -> float | None:
+    """Return the number that a field spells, maybe with a D before its exponent, or with thousands set apart."""
+    told = field.lstrip("+").replace("D", "e").replace("d", "e") if field[:1] in "+-.0123456789" else field
+    other = "," if decimal == "." else "."
+    if other in told:
+        if not thousands or not re.fullmatch(rf"-?\d{{1,3}}(\{other}\d{{3}})+(\{decimal}\d+)?", told):
+            return None
+        told = told.replace(other, "")
     if decimal == ",":
-        if "." in field:
-            return False
-        field = field.replace(",", ".")
-    try:
-        float(field)
-    except ValueError:
-        return False
-    return "_" not in field
+        told = told.replace(",", ".")
+    if not re.fullmatch(rf"{NUMBER}|[-+]?inf(inity)?", told, re.IGNORECASE):
+        return None
+    return float(told)
 
 
-def _choose(lines: Sequence[str]) -> tuple[str, str]:
-    """Return separator and decimal sign under which the rows agree best with the first one and are numbers."""
-    found = {}
+def _choose(lines: Sequence[str]) -> tuple[str, str, int]:
+    """Return separator, decimal sign and number of columns under which most fields of the middle lines are values."""
+    told = [line for line in lines if line.strip() and not COMMENT.match(line)]
+    if not told:
+        raise ValueError("No columns to parse from file")
+    middle = max((len(told) - LOOKED) // 2, 0)
+    looked = told[middle : middle + LOOKED]
+    found: dict[tuple[str, str], tuple[float, int]] = {}
     for separator in SEPARATORS:
+        rows = [_split(line, separator) for line in looked]
+        for decimal in (".", ","):
+            good = [sum(_is_value(each, decimal) for each in row) for row in rows]
+            parted: Counter[int] = Counter()
+            for row, count in zip(rows, good, strict=True):
+                parted[len(row)] += count
+            width = max(parted, key=lambda each: (parted[each], each))
+            alike = [row for row in rows if len(row) == width]
+            filled = sum(each.lower() not in NOTHING for row in alike for each in row)
+            found[separator, decimal] = parted[width] ** 2 / max(filled, 1) * len(alike) / len(rows), width
+    by_blanks = max((("", decimal) for decimal in (".", ",")), key=lambda each: found[each][0])
+    others = [each for each in found if each[0]]
+    best = max(others, key=lambda each: found[each][0])
+    if found[by_blanks][0] > CLEAR * found[best][0] or (found[best][1] == 1 and found[by_blanks][1] > 1):
+        best = by_blanks
+    elif found[best][1] == 1:
+        best = ",", best[1]
+    return *best, found[best][1]
+
+
+def _is_value(field: str, decimal: str) -> bool:
+    return _is_number(field, decimal) or bool(MOMENT.match(field)) or _split_unit(field, decimal) is not None
+
+
+def _split_unit(field: str, decimal: str) -> tuple[float, str] | None:
+    """Return the number and the unit of a field such as ``3.2 bar``."""
+    found = re.fullmatch(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,+-]\S*)", field)
+    if not found or (unit := read_unit(found.group(2))) is None:
+        return None
+    number = _to_number(found.group(1), decimal)
+    return None if number is None else (number, unit)
+
+
+def _split_all(lines: Sequence[str], separator: str, width: int) -> tuple[NDArray[np.int_], pd.DataFrame]:
+    """Return the lines that part into so many fields, counted from 0, and their fields as text.
+
+    Where many have fewer, their writer omits empty ones at the end, which are added.
+    """
+    if separator and not any('"' in line for line in lines):
+        counts = np.array([line.count(separator) + 1 for line in lines])
+        rows = [line.split(separator) if count <= width else [] for line, count in zip(lines, counts, strict=True)]
+    else:
         rows = [_split(line, separator) for line in lines]
-        width, values = len(rows[0]), rows[1:] or rows
-        fitting = sum(len(row) == width or (len(row) == width + 1 and not row[-1]) for row in values) / len(values)
-        for decimal in (".", ",")[: min(width, 2)]:
-            fields = [field for row in values for field in row if field.lower() not in NOTHING]
-            numbers = sum(_is_number(field, decimal) for field in fields) / max(len(fields), 1)
-            found[separator, decimal] = (fitting * numbers, width, fitting)
-    best = max(found, key=lambda each: found[each])
-    if found[best][0] == 0.0:
-        best = max(SEPARATORS[:3], key=lambda each: len(_split(lines[-1], each))), "."
-    if found[best][2] < 0.5:
-        width, *others = (len(_split(line, best[0])) for line in lines)
-        other = next(each for each in others if each != width)
-        remedy = "put # before the lines above the names of the columns"
-        if best[0] == "," and other > width:
-            remedy = f"if its numbers have decimal commas, write it with semicolons between the columns; else {remedy}"
-        raise ValueError(f"its first line has {width} fields and those below have {other}; {remedy}")
-    return best
+        counts = np.array([len(row) for row in rows])
+    fits = counts == width
+    short = (counts < width) & (counts > 1)
+    if LACKING * fits.sum() < short.sum() and separator:
+        fits |= short
+    places = np.flatnonzero(fits)
+    filled = [rows[k] if len(rows[k]) == width else [*rows[k], *[""] * (width - len(rows[k]))] for k in places]
+    frame = pd.DataFrame(filled, columns=range(width), dtype=object)
+    return places, frame.apply(lambda column: column.str.strip())
 
 
-def _name_columns(
-    kept: Sequence[int], rows: dict[int, list[str]], comments: Sequence[Sequence[str]], decimal: str
+def _read_column(fields: pd.Series, decimal: str) -> _Column:
+    """Return what the fields of a column are."""
+    small = fields.str.lower()
+    missing = small.isin(NOTHING).to_numpy()
+    plain = fields.str.replace(",", ".", regex=False) if decimal == "," else fields
+    if decimal == ",":
+        plain = plain.where(~fields.str.contains(".", regex=False), "?")
+    values = pd.to_numeric(plain.where(~missing, None), errors="coerce")
+    is_number = (values.notna() & ~fields.str.contains("_", regex=False)).to_numpy(copy=True)
+    is_moment = (~pd.Series(missing | is_number) & fields.str.match(MOMENT)).to_numpy()
+    numbers = values.to_numpy(copy=True)
+    units: dict[int, str] = {}
+    left = np.flatnonzero(~(is_number | is_moment | missing))
+    if len(left):
+        numbers = numbers.astype(float)
+    for place in left:
+        field = str(fields.iloc[place])
+        number, unit = _to_number(field, decimal, thousands=True), ""
+        if number is None and (told := _split_unit(field, decimal)) is not None:
+            number, unit = told
+        if number is not None:
+            numbers[place], is_number[place] = number, True
+            units |= {int(place): unit} if unit else {}
+    return _Column(numbers, is_number, is_moment, missing, units)
+
+
+def _find_rows(columns: Sequence[_Column]) -> NDArray[np.int_]:
+    """Return the rows of values: at least half of what should be one is, above all in the first such column."""
+    told = [each for each in columns if each.told]
+    values = np.stack([each.is_number | each.is_moment for each in told])
+    good = values | np.stack([each.missing for each in told])
+    return np.flatnonzero(good[0] & values.any(axis=0) & (good.mean(axis=0) >= 0.5))
+
+
+def _settle(column: _Column, fields: pd.Series, kept: NDArray[np.int_]) -> pd.Series:
+    """Return a column's kept values: numbers if all of them are, else text, either way with what is missing."""
+    own = fields.iloc[kept].reset_index(drop=True)
+    missing = column.missing[kept]
+    if column.is_number[kept].any() and (column.is_number | column.missing)[kept].all():
+        numbers = pd.Series(column.numbers[kept])
+        whole = not missing.any() and not own.str.contains(r"[.,eE]", regex=True).any()
+        return numbers.astype(np.int64) if whole and (np.abs(numbers) < 2**62).all() else numbers.astype(float)
+    return own.where(~missing, None).astype(object) if not missing.all() else pd.Series(np.full(len(own), np.nan))
+
+
+def _find_heads(
+    lines: Sequence[str], signs: tuple[str, str], width: int, ended: bool
 ) -> tuple[list[str], list[str], int]:
-    """Return the columns' names and units, as far as they are told, and how many rows do that."""
-    header = rows[kept[0]]
-    if _count_numbers(header, decimal) == sum(each.lower() not in NOTHING for each in header) > 0:
-        matching = [list(each) for each in comments if len(each) == len(header)]
-        units = matching.pop() if len(matching) > 1 and _are_bracketed(matching[-1]) else []
-        return (matching[-1] if matching else []), units, 0
-    second = rows[kept[1]] if len(kept) > 2 else []
-    if any(second) and not _count_numbers(second, decimal) and _count_numbers(rows[kept[2]], decimal):
-        return header, second, 2
-    return header, [], 1
+    """Return the columns' names and units, as far as the lines above the values tell them, and how many lines are left.
+
+    The signs are separator and decimal; if lines of values are `ended` by a separator, names need not be.
+    """
+    heads: list[list[str]] = []
+    separator, decimal = signs
+    for line in reversed(lines):
+        bare = line[found.end() :] if (found := COMMENT.match(line)) else line
+        row = _split_head(bare, separator, width, ended)
+        if row is not None and any(row) and not any(_is_number(each, decimal) for each in row):
+            heads.append(row)
+        elif bare.strip() and not found:
+            if not heads:
+                _refuse_other_width(_split(bare, separator), signs, width)
+            break
+        if len(heads) == HEADS:
+            break
+    known = {k: share for k, row in enumerate(heads[:-1]) if (share := _count_units(row)) >= 0.5}
+    units = max(known, key=known.__getitem__, default=None)
+    used = heads[:1] if units is None else heads[units : units + 2]
+    left = sum(bool(line.strip()) for line in lines) - len(used)
+    if units is None:
+        return (heads[0] if heads else []), [], left
+    return heads[units + 1], [each.strip("[]()") for each in heads[units]], left
 
 
-def _count_numbers(fields: Sequence[str], decimal: str) -> int:
-    return sum(_is_number(each, decimal) for each in fields if each.lower() not in NOTHING)
+def _split_head(line: str, separator: str, width: int, ended: bool) -> list[str] | None:
+    """Return the fields of a line above the values if they are as many as columns; names may have blanks in them."""
+    row = _split(line.strip(" \r\n"), separator)
+    if not separator and len(row) != width:
+        row = re.split(r"\s{2,}|\t", line.strip())
+    if ended and len(row) == width - 1:
+        row = [*row, ""]
+    return row if len(row) == width else None
 
 
-def _are_bracketed(fields: Sequence[str]) -> bool:
-    return all(re.fullmatch(r"\[.*\]|\(.*\)|", each) for each in fields) and any(fields)
+def _count_units(row: Sequence[str]) -> float:
+    """Return the share of a row's fields that are units, or stand in brackets as these do."""
+    filled = [each for each in row if each]
+    known = [re.fullmatch(r"\[.*\]|\(.*\)", each) or read_unit(each) is not None for each in filled]
+    return sum(map(bool, known)) / max(len(filled), 1)
 
 
-def _each_once(names: Sequence[str]) -> list[str]:
-    """Return names with a number behind what comes again; those of columns without a name stay empty."""
+def _refuse_other_width(row: Sequence[str], signs: tuple[str, str], width: int) -> None:
+    """Refuse names that are fewer or more than the columns below them."""
+    if len(row) < 2 or any(_is_value(each, signs[1]) for each in row) or not all(row):
+        return
+    remedy = "put # before the lines above the names of the columns"
+    if signs[0] == "," and width > len(row):
+        remedy = f"if its numbers have decimal commas, write it with semicolons between the columns; else {remedy}"
+    raise ValueError(f"the line above its values has {len(row)} fields and these have {width}; {remedy}")
+
+
+def _name(names: Sequence[str], columns: Sequence[_Column], kept: NDArray[np.int_]) -> dict[int, str]:
+    """Return the name of each column: numbered where it comes again or is not told; an empty one needs none."""
     seen: Counter[str] = Counter()
-    found = []
-    for name in names:
-        found.append(f"{name}.{seen[name]}" if seen[name] and name else name)
+    found = {}
+    for k, column in enumerate(columns):
+        name = names[k] if names else ""
+        if not name and names and column.missing[kept].all():
+            continue
+        name = name or f"column_{k + 1}"
+        found[k] = f"{name}.{seen[name]}" if seen[name] else name
         seen[name] += 1
     return found
+
+
+def _list_facts(lines: Iterable[str]) -> dict[str, float]:
+    """Return the numbers that lines above a table tell of it, by their names; times in s, frequencies in Hz."""
+    found = {}
+    for line in lines:
+        if told := FACT.fullmatch(line.strip()):
+            name, number, unit = told.groups()
+            scale = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "khz": 1e3}.get(unit.lower(), 1.0)
+            found[name.strip()] = scale * float(number.replace(",", "."))
+    return found
+
+
+@dataclass(frozen=True)
+class _Odd:
+    """Lines, counted from 1, that are no rows of a table: comments in it, text, short rows, long ones, what follows."""
+
+    comments: list[int]
+    text: list[int]
+    short: list[int]
+    long: list[tuple[int, int]]
+    after: list[int]
+
+    @classmethod
+    def sort(
+        cls,
+        lines: Sequence[str],
+        rows: set[int],
+        ends: tuple[int, int],
+        separator: str,
+        width: int,
+        decimal: str,
+    ) -> "_Odd":
+        """Return what lines beside the rows are, between the first and the last of these and below."""
+        found = cls([], [], [], [], [])
+        for place in range(ends[0], len(lines)):
+            if place in rows or not lines[place].strip(f" \r\n{separator}"):
+                continue
+            parts = _split(lines[place], separator)
+            values = sum(_is_value(each, decimal) for each in parts)
+            if COMMENT.match(lines[place]):
+                found.comments.append(place + 1)
+            elif (len(parts) < width and values == len(parts)) or (values and _is_value(parts[0], decimal)):
+                (found.long.append((place + 1, len(parts))) if len(parts) > width else found.short.append(place + 1))
+            else:
+                (found.after if place > ends[1] else found.text).append(place + 1)
+        return found
+
+    def check(self, rows: int, width: int) -> None:
+        """Refuse a table in which a few rows have more values than the others; many are another table."""
+        if self.long and len(self.long) < max(LACKING * rows, 4):
+            place, count = self.long[0]
+            raise ValueError(f"Expected {width} fields in line {place}, saw {count}")
+
+    def tell(self) -> tuple[str, ...]:
+        """Return what is left out, one remark for each reason."""
+        told = (
+            ("comments", self.comments),
+            ("no row of numbers", self.text),
+            ("lacks its last values", self.short),
+            ("of another table", [place for place, _ in self.long]),
+            ("below the table", self.after),
+        )
+        return tuple(
+            f"{_count(len(places), 'line')} left out, {why}: {', '.join(map(str, places[:LISTED]))}"
+            f"{', ...' if len(places) > LISTED else ''}"
+            for why, places in told
+            if places
+        )
+
+
+def _count(number: int, what: str) -> str:
+    return f"{number} {what}{'' if number == 1 else 's'}"
+
+
+def _shorten(line: str) -> str:
+    return line.strip()[:60]

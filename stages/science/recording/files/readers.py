@@ -7,18 +7,21 @@ A file that is none of these, or cannot be read, is refused in one line.
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
+from functools import lru_cache
 from pathlib import Path
 
 import pandas as pd
 import pyarrow.parquet
 
 from stages.science.recording.files.bags import is_bag, read_bag
-from stages.science.recording.files.delimited import find_dialect, read_delimited
+from stages.science.recording.files.delimited import PACKED, TextTable, read_delimited
 from stages.science.recording.files.matlab import Variables, Vector, read_variables
 
-TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat")
+TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".lvm")
 TABLE_SUFFIXES = (".parquet", ".mat", ".mcap", *TEXT_SUFFIXES)
 REMEDIES = {".xlsx": "save the sheet as CSV", ".xls": "save the sheet as CSV"}
+KEPT = 2
+"""Text files whose tables are kept, as each is asked for its header and for its values."""
 
 
 class FileError(Exception):
@@ -33,13 +36,15 @@ class UnequalColumns(FileError):
 class Header:
     """What a file says of its columns: their names, units from a row of their own, and numbers that stand alone.
 
-    Remarks tell how it is read, where that is out of the ordinary, and what cannot be read.
+    Remarks tell how it is read, where that is out of the ordinary, and what cannot be read; `dropped` which rows of it
+    are left out.
     """
 
     names: Sequence[str]
     units: Mapping[str, str]
     single: Mapping[str, float]
     remarks: Sequence[str]
+    dropped: Sequence[str] = ()
 
 
 def read_header(path: Path) -> Header:
@@ -56,9 +61,8 @@ def read_header(path: Path) -> Header:
             found = read_variables(path)
             left = [f"{name} is left alone: {why}" for name, why in found.left.items()]
             return Header(list(found.vectors), {}, found.single, left)
-        dialect = find_dialect(path)
-        units = {name: unit for name, unit in zip(dialect.names, dialect.units, strict=False) if name and unit}
-        return Header([name for name in dialect.names if name], units, {}, dialect.remarks)
+        table = _read_text(path)
+        return Header(list(map(str, table.columns)), table.units, table.single, table.remarks, table.dropped)
 
 
 def read_samples(path: Path, names: Collection[str] | None = None) -> pd.DataFrame:
@@ -88,7 +92,8 @@ def read_samples(path: Path, names: Collection[str] | None = None) -> pd.DataFra
             frame: pd.DataFrame = pd.read_parquet(path)
             frame = frame.reset_index(drop=frame.index.names == [None])
             return frame if names is None else frame[[each for each in frame if each in names]]
-        return read_delimited(path, find_dialect(path), names)
+        table = _read_text(path).columns
+        return table[[each for each in table if names is None or each in names]]
 
 
 def read_columns(path: Path) -> dict[str, pd.Series]:
@@ -118,8 +123,19 @@ def _native(values: Vector) -> Vector:
     return values.astype(values.dtype.newbyteorder("="))
 
 
+def _read_text(path: Path) -> TextTable:
+    state = path.stat()
+    return _read_text_of(path, state.st_mtime_ns, state.st_size)
+
+
+@lru_cache(maxsize=KEPT)
+def _read_text_of(path: Path, changed_ns: int, size: int) -> TextTable:
+    return read_delimited(path)
+
+
 def _suffix(path: Path) -> str:
-    suffix = path.suffix.lower()
+    suffixes = [each.lower() for each in path.suffixes]
+    suffix = suffixes[-2] if suffixes[1:] and suffixes[-1] in PACKED else path.suffix.lower()
     if suffix not in TABLE_SUFFIXES:
         remedy = REMEDIES.get(suffix, "save its columns as one of these")
         known = f"{', '.join(TABLE_SUFFIXES[:-1])} or {TABLE_SUFFIXES[-1]}"
@@ -140,5 +156,5 @@ def _explained(path: Path) -> Iterator[None]:
         raise FileError(f"{path}: expected the library {library}, which reads such files; {remedy}") from None
     except Exception as error:  # a library raises whatever the bytes of a broken file lead to
         told = (str(error).splitlines() or [type(error).__name__])[0]
-        kind = "CSV" if path.suffix.lower() in TEXT_SUFFIXES else path.suffix[1:].upper() or "a ROS 2 bag"
+        kind = "CSV" if {*path.suffixes} & {*TEXT_SUFFIXES} else path.suffix[1:].upper() or "a ROS 2 bag"
         raise FileError(f"{path}: cannot be read as {kind} ({told[:200]})") from None

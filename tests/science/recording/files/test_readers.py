@@ -1,5 +1,7 @@
 """Files of numbers as other programs write them, each written by hand or by the program's own library."""
 
+import gzip
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -51,6 +53,39 @@ def test_text_is_read_whatever_wrote_it(tmp_path, text, names, units):
     assert last == names[1]
 
 
+@pytest.mark.parametrize(
+    ("text", "left_out"),
+    [
+        ("Bench 3;;\nRate: 2 Hz\n\nt;F\ns;kN\n-;Avg\n0,0;1,5\n0,5;-2,25\n1,0;1000\n", []),
+        ("t|F\n0|1.5\n# valve shut\n0.5|-2.25\n1|1000\n", ["1 line left out, comments: 3"]),
+        ("t,F\n0,1.5\n--- overload ---\n0.5,-2.25\n1,1000\n", ["1 line left out, no row of numbers: 3"]),
+        ("t,F\n0,1.5\nt,F\n0.5,-2.25\nt,F\n1,1000\n", ["2 lines left out, no row of numbers: 3, 5"]),
+        ("t,F\n0,1.5\n0.5,-2.25\n1,1000\nMean,333.1\n", ["1 line left out, below the table: 5"]),
+        ("t;F;ok\n" + "0;1.5;1\n0.5;-2.25;1\n1;1000;1\n" * 4 + "0.0;1", ["1 line left out, lacks its last values: 14"]),
+        ("t,F\n0,1.5D0\n0.5,-2.25 \n1,1000\n", []),
+        ('"t","F"\n"0 s","1.5"\n"0.5 s","-2.25"\n"1 s","1,000"\n', []),
+    ],
+)
+def test_a_loggers_file_is_read_and_what_is_left_out_is_said(tmp_path, text, left_out):
+    path = tmp_path / "run.log"
+    path.write_text(text)
+    assert [name for name in read_header(path).names if name != "ok"] == ["t", "F"]
+    assert list(read_header(path).dropped) == left_out
+    frame = read_samples(path, ["t", "F"])
+    np.testing.assert_array_equal(frame.astype(float).to_numpy()[:3].T, [TIMES, FORCES])
+    assert len(frame) in (3, 12)
+
+
+def test_a_preamble_tells_the_rate_and_cells_their_unit(tmp_path):
+    path = tmp_path / "run.csv.gz"
+    text = "Station: 4\nSampling rate; 250 Hz\nStep = 4 ms\n\np;u\n1,5 bar;30 %\n2,5 bar;40 %\n"
+    path.write_bytes(gzip.compress(text.encode()))
+    header = read_header(path)
+    assert header.single == {"Station": 4.0, "Sampling rate": 250.0, "Step": 0.004}
+    assert header.units == {"p": "bar", "u": "percent"}
+    assert read_samples(path).to_dict("list") == {"p": [1.5, 2.5], "u": [30.0, 40.0]}
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
 def test_text_of_any_usual_encoding_is_read(tmp_path, encoding):
     path = tmp_path / "run.txt"
@@ -71,12 +106,18 @@ def test_a_column_of_text_and_missing_values_stay(tmp_path):
 @pytest.mark.parametrize(
     ("content", "told"),
     [
-        ("t,F\n0,5,1,2\n0,6,1,3\n", "its first line has 2 fields and those below have 4; if its numbers have decimal"),
-        ("Report of today\nt,F\n0,1\n1,2\n2,3\n", "put # before the lines above the names of the columns"),
+        (
+            "t,F\n0,5,1,2\n0,6,1,3\n",
+            "the line above its values has 2 fields and these have 4; if its numbers have decimal",
+        ),
+        ("t,F\n0,1,5\n1,2,6\n2,3,7\n", "put # before the lines above the names of the columns"),
         ("# nothing\n", "No columns to parse"),
         ("t,F\n0,1\n" + "1,2\n" * 200 + "1,2,3\n", "Expected 2 fields in line 203, saw 3"),
         ("t\0,F\n0,1\n", "it holds no text"),
-        ("a,b\n1,2\n1,2,3\n", "Expected 2 fields in line 3, saw 3"),
+        ("a,b\n1,2\n1,2,3\n", "the line above its values has 2 fields and these have 3"),
+        ("a,b\n1,2\n", "expected two rows of numbers or more, got one"),
+        ("a,b\n", "expected rows of numbers, got 'a,b'"),
+        ("<html>\n<p>no such file</p>\n</html>\n", "expected rows of numbers, got '<html>'"),
         (b"\xff\xfe\x00", "run.csv: cannot be read as CSV ("),
         (b"no", "x.parquet: cannot be read as PARQUET ("),
         (b"MATLAB 7.3 MAT-file, Platform: GLNXA64".ljust(512) + HDF5, "cannot be read as MAT (version 7.3, expected 7"),
