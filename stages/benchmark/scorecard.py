@@ -194,7 +194,8 @@ def _list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, An
     kinds = ("none", "one_effect", "outsider", "two_effects", "one_muscle")
     none, one, foreign, pairs, single = (whole[whole["kind"] == kind] for kind in kinds)
     confident = (foreign["status"] == "named") & (foreign["probability"] > section.confident)
-    found = (foreign["status"] == "unexplained") & (foreign["unexplained_channel"] == foreign["channel"])
+    lost = foreign["status"] == "unexplained"
+    found = lost & (foreign["unexplained_channel"] == foreign["channel"])
     absorbed = sessions[sessions["magnitude"] == "absorbed"]
     misnamed = (absorbed["status"] == "named") & ~absorbed["right_class"]
     told = absorbed["listed_absorbed"] | absorbed["right_class"] | (absorbed["status"] == "no_discrepancy")
@@ -214,6 +215,7 @@ def _list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, An
         ("nothing hidden, something named", none["status"] == "named", targets.false_names, True, ALL),
         ("nothing hidden, unexplained", none["status"] == "unexplained", targets.false_unexplained, True, ALL),
         ("not in the library, named with confidence", confident, targets.outsiders_named, True, ALL),
+        ("not in the library, unexplained", lost, targets.outsiders_found, False, ALL),
         ("not in the library, unexplained in its channel", found, targets.outsiders_found, False, ALL),
         ("two effects, both named", pairs["all_named"], targets.both_named, False, ALL),
         ("one muscle, named there alone", single["right_muscles"], targets.right_muscle, False, ALL),

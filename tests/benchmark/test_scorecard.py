@@ -160,6 +160,7 @@ def test_faults_and_muscles(tmp_path):
         "nothing hidden, something named": 1 / 3,
         "nothing hidden, unexplained": 1 / 3,
         "not in the library, named with confidence": 1 / 4,
+        "not in the library, unexplained": 1 / 2,
         "not in the library, unexplained in its channel": 1 / 4,
         "one muscle, named there alone": 1 / 2,
         "two effects, both named": 1 / 2,
