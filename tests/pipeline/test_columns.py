@@ -237,8 +237,8 @@ def test_muscles_under_names_of_others_are_found(look):
     ("name", "content", "told"),
     [
         ("x.csv", None, "expected the path of a file, got"),
-        ("x.xlsx", b"PK", ".csv, .tsv, .txt or .dat file, got 'x.xlsx'; save the sheet as CSV"),
-        ("x.csv", b"t,u\n", "x.csv: expected columns with values, got none"),
+        ("x.xlsx", b"PK", ".asc, .log or .lvm file, got 'x.xlsx'; save the sheet as CSV"),
+        ("x.csv", b"t,u\n", "x.csv: cannot be read as CSV (expected rows of numbers, got 't,u'"),
         ("arm", None, "arm: expected samples.parquet in this folder, got none"),
     ],
 )
