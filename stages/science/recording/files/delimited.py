@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.science.recording.units import read_unit
+from stages.science.recording.units import KINDS, read_unit
 
 SEPARATORS = ("\t", ";", ",", "|", "")
 """Between columns, the first of equals first; the empty one stands for blanks."""
@@ -34,8 +34,8 @@ CLEAR = 1.5
 """How many times as many values blanks must part as any other separator."""
 LACKING = 0.1
 """Share of rows up to which those that lack their last values are left out."""
-LISTED = 5
-"""Lines that a remark lists."""
+LISTED, SHOWN = 5, 60
+"""Lines that a remark lists, and characters that it shows of one."""
 HEADS = 3
 """Rows above the values that may head the columns: names, units, and what was done to them."""
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -88,7 +88,9 @@ def read_delimited(path: Path) -> TextTable:
     places, fields = _split_all(lines, separator, width)
     columns = [_read_column(fields[name], decimal) for name in fields]
     if not any(each.told and (each.is_number | each.is_moment).any() for each in columns):
-        raise ValueError(f"expected rows of numbers, got {_shorten(next(filter(str.strip, lines), ''))!r} and the like")
+        raise ValueError(
+            f"expected rows of numbers, got {next(filter(str.strip, lines), '').strip()[:SHOWN]!r} and the like"
+        )
     kept = _find_rows(columns)
     rows, first, last = places[kept], int(places[kept][0]), int(places[kept][-1])
     if len(rows) < 2:
@@ -345,7 +347,8 @@ def _list_facts(lines: Iterable[str]) -> dict[str, float]:
     for line in lines:
         if told := FACT.fullmatch(line.strip()):
             name, number, unit = told.groups()
-            scale = {"ms": 1e-3, "us": 1e-6, "µs": 1e-6, "khz": 1e3}.get(unit.lower(), 1.0)
+            known = read_unit(unit)
+            scale = next((KINDS[kind][known] for kind in ("time", "frequency") if known in KINDS[kind]), 1.0)
             found[name.strip()] = scale * float(number.replace(",", "."))
     return found
 
@@ -410,7 +413,3 @@ class _Odd:
 
 def _count(number: int, what: str) -> str:
     return f"{number} {what}{'' if number == 1 else 's'}"
-
-
-def _shorten(line: str) -> str:
-    return line.strip()[:60]
