@@ -93,6 +93,8 @@ class WholeRecordChannel(OutputChannel):
         found = list_effects_at(self.plant.SITE, [name for name in list_effects() if name not in taken])
         forms = []
         for each in found:
+            if not self.plant.offers(each):
+                continue
             scales = getattr(each, "scales", True) and not self.plant.drifts
             forms.append(EffectForm(each.name, each.form, each.site, each.parameters, each, scales, tried=True))
         return tuple(self._read_level(form) for form in forms)

@@ -148,6 +148,8 @@ class Bench:
     """Time of a usual movement through one scale."""
     session_s: Array
     """Time in the session."""
+    load: Array
+    """What presses surfaces on each other, over its largest; one where the element does not tell what does."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -161,6 +163,8 @@ class ElementEffect(NamedEffect):
     site: Literal["element"] = "element"
     apply: Callable[[Array, Bench, Mapping[str, float]], Array]
     scales: bool = True
+    loaded: bool = False
+    """Whether it grows with the load: it acts only in elements that tell what presses."""
 
 
 Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect

@@ -1,4 +1,4 @@
-"""An element on a test bench, of whatever law: it answers at once to what is measured while it is moved along a way.
+"""An element on a test bench, of whatever law: it answers at once to what is measured while it is displaced.
 
 Signals of records flow in; the answer flows out. A subclass says how constants make the answer; effects of the site
 `element` change it, in the element's own scales.
@@ -11,12 +11,16 @@ from typing import ClassVar, Self
 import numpy as np
 from pydantic import Field, model_validator
 
-from stages.science.plant.effect import Bench
+from stages.science.plant.effect import Bench, Effect
 from stages.science.plant.effect_config import EffectConfig
 from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Watched
 from stages.science.signals.trajectories import Array
 
 SITE = "element"
+PATH, RATE = "path", "rate"
+"""Names of displacement and its rate per second among the signals that an answer is made of; unit of `along`."""
+STILL = 1e-9
+"""Range of a signal over its largest value, up to which it stands still but for rounding."""
 
 
 class _ElementEffect(EffectConfig):
@@ -30,6 +34,10 @@ class ElementPlant(RecordPlant):
     ELEMENT: ClassVar[str] = SITE
 
     along: str = Field(description="signal along which the element is moved")
+    against: str | None = Field(None, description="signal that is subtracted from it, as the other of two pressures")
+    speed: str | None = Field(None, description="measured rate of it, unit of `along` per s; null = its difference")
+    pressing: list[str | None] = Field([], description="signals with whose mean size friction may grow")
+    pressing_scale: Positive | None = Field(None, description="largest mean size of `pressing`, its unit")
     along_middle: float | None = Field(description="value of `along` from which effects count, its unit")
     along_scale: Positive | None = Field(description="way in which effects tell theirs, unit of `along`")
     output_scale: Positive | None = Field(description="answer in which effects tell their sizes, unit of the output")
@@ -46,7 +54,11 @@ class ElementPlant(RecordPlant):
     @property
     def inputs(self) -> tuple[str, ...]:
         """Signals that the answer is told from, the one along which the element is moved first."""
-        return (self.along,)
+        return tuple(dict.fromkeys(each for each in (self.along, self.against, self.speed, *self.pressing) if each))
+
+    def offers(self, effect: Effect) -> bool:
+        """Return whether an effect can act: one that grows with the load, where it is known what presses."""
+        return bool(self.pressing) or not getattr(effect, "loaded", False)
 
     @property
     def finest_s(self) -> float:
@@ -73,10 +85,17 @@ class ElementPlant(RecordPlant):
 
     def find_scales(self, records: Sequence[Mapping[str, Array]], step_s: float) -> dict[str, float]:
         """Return what scales are if they were left open, told by the signal along which the element is moved."""
-        along, answer = (np.concatenate([each[name] for each in records]) for name in (self.along, self.output))
-        way = max(0.5 * float(np.ptp(along)), 1e-12)
-        speed = float(np.mean(np.concatenate([np.abs(np.diff(each[self.along])) for each in records]))) / step_s
-        return {
+        paths = [self.displace(each) for each in records]
+        along, answer = np.concatenate(paths), np.concatenate([each[self.output] for each in records])
+        if np.ptp(along) <= STILL * np.abs(along).max():
+            raise ValueError(
+                f"signal {self.along}: expected one along which the element is moved, got {along[0]:.6g} throughout; "
+                "name one that changes"
+            )
+        way = 0.5 * float(np.ptp(along))
+        speed = float(np.mean(np.concatenate([np.abs(np.diff(each)) for each in paths]))) / step_s
+        pressing = {"pressing_scale": max(float(self.press(each).max()) for each in records)} if self.pressing else {}
+        return pressing | {
             "along_middle": 0.5 * float(along.max() + along.min()),
             "along_scale": way,
             "output_scale": max(0.5 * float(np.ptp(answer)), 1e-12),
@@ -97,22 +116,39 @@ class ElementPlant(RecordPlant):
         placed = self.place(effects)
         if not placed:
             return answer
-        scale, bench = self.know("output_scale"), self.set_up(signals[self.along], step_s, start_s)
+        scale, bench = self.know("output_scale"), self.set_up(signals, step_s, start_s)
         changed = answer / scale
         for effect, values in placed:
             changed = effect.apply(changed, bench, values)
         return changed * scale
 
-    def set_up(self, along: Array, step_s: float, start_s: Array) -> Bench:
-        """Return what effects look at, for a signal along which records are moved, (T, R)."""
-        time_scale_s = self.know("time_scale_s")
-        way = np.ascontiguousarray((along - self.know("along_middle")) / self.know("along_scale"))
-        within = np.arange(len(along))[:, None] * step_s
-        rate = np.gradient(way, step_s, axis=0) * time_scale_s
-        return Bench(way, rate, step_s, time_scale_s, within + start_s)
+    def displace(self, signals: Mapping[str, Array]) -> Array:
+        """Return the signal along which the element is moved, in its unit."""
+        return signals[self.along] - signals[self.against] if self.against else signals[self.along]
+
+    def press(self, signals: Mapping[str, Array]) -> Array:
+        """Return the mean size of the signals that press."""
+        pressing: Array = np.mean([np.abs(signals[name]) for name in self.pressing if name], axis=0)
+        return pressing
+
+    def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
+        """Return signals (T, R) with the rate of displacement, per second."""
+        path = self.displace(signals)
+        return {**signals, PATH: path, RATE: signals[self.speed] if self.speed else np.gradient(path, step_s, axis=0)}
+
+    def set_up(self, signals: Mapping[str, Array], step_s: float, start_s: Array) -> Bench:
+        """Return what effects look at, for signals as `refine` returns them, (T, R)."""
+        time_scale_s, along_scale = self.know("time_scale_s"), self.know("along_scale")
+        way = np.ascontiguousarray((signals[PATH] - self.know("along_middle")) / along_scale)
+        within = np.arange(len(way))[:, None] * step_s
+        load = self.press(signals) / self.know("pressing_scale") if self.pressing else np.ones_like(way)
+        rate = signals[RATE] * (time_scale_s / along_scale)
+        return Bench(way, rate, step_s, time_scale_s, within + start_s, load)
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
         """Return the inputs, and how the element is moved."""
-        rate = self.set_up(signals[self.along], step_s, np.zeros(1)).rate
-        along, *others = (Watched(name, signals[name], False) for name in self.inputs)
-        return [along, Watched(f"rate of {self.along}", rate, True), *others]
+        refined = self.refine(signals, step_s)
+        rate = self.set_up(refined, step_s, np.zeros(1)).rate
+        path = f"{self.along} - {self.against}" if self.against else self.along
+        others = (Watched(name, signals[name], False) for name in self.inputs if name not in (path, self.speed))
+        return [Watched(path, refined[PATH], False), Watched(f"rate of {path}", rate, True), *others]

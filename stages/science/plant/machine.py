@@ -2,7 +2,7 @@
 
 import importlib
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, NamedTuple
 
 from annotated_types import MinLen
 from pydantic import PlainValidator
@@ -19,16 +19,30 @@ def list_kinds() -> tuple[str, ...]:
     return list_modules(MACHINES)
 
 
-def list_signals() -> dict[str, dict[str, int]]:
-    """Return by kind of machine the keys that name its signals, each with how many it names, the output last."""
+class SignalKey(NamedTuple):
+    """A key of a machine that names signals: how many, whether it may be null, and by what quantities it is known."""
+
+    count: int
+    optional: bool
+    quantities: tuple[str, ...]
+
+
+def list_signals() -> dict[str, dict[str, SignalKey]]:
+    """Return by kind of machine the keys that name its signals, the output last."""
     found = {}
     for kind in list_kinds():
-        fields = importlib.import_module(f"{MACHINES}.{kind}").PLANT.model_fields
-        named = {key: 1 for key, each in fields.items() if each.annotation is str and key != "output"}
-        for key, each in fields.items():
+        plant = importlib.import_module(f"{MACHINES}.{kind}").PLANT
+        keys = {}
+        for key, each in plant.model_fields.items():
+            if key == "kind" or (plant.QUANTITIES and key not in plant.QUANTITIES):
+                continue
+            known = plant.QUANTITIES.get(key, ())
             if each.annotation == list[str]:
-                named[key] = next((limit.min_length for limit in each.metadata if isinstance(limit, MinLen)), 1)
-        found[kind] = named | {"output": 1}
+                count = next((limit.min_length for limit in each.metadata if isinstance(limit, MinLen)), 1)
+                keys[key] = SignalKey(count, False, known)
+            elif each.annotation is str or (known and each.annotation == str | None):
+                keys[key] = SignalKey(1, each.annotation is not str, known)
+        found[kind] = {key: keys[key] for key in sorted(keys, key=lambda each: each == "output")}
     return found
 
 

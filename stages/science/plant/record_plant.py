@@ -105,6 +105,8 @@ class RecordPlant(Declared):
     """Whether a small error grows without end: then no slope at a fit says what another effect would change."""
     TOGETHER: ClassVar[int] = 1
     """Simulations that take together little longer than one."""
+    QUANTITIES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
+    """By key that names signals: kinds of quantities, as of `units.KINDS`, by which records of such a machine are known."""
     WATCHED: ClassVar[tuple[str, str]] = ("state", "rate of state")
     """What `watch` calls the output and its rate."""
 
@@ -134,7 +136,8 @@ class RecordPlant(Declared):
         if self.output in self.inputs:
             raise ValueError(f"output: expected another signal than those it is told from, got {self.output}")
         for entry in self.effects:
-            find_effect_at(self.SITE, entry.name, entry.form)
+            if not self.offers(find_effect_at(self.SITE, entry.name, entry.form)):
+                raise ValueError(f"effects: {entry.name} needs what presses; name it, as plant.pressing=[p1_kpa]")
         if self.TERMS is not None:
             collect(self.TERMS, self.SITE, self.place())
         return self
@@ -190,6 +193,10 @@ class RecordPlant(Declared):
     def list_starts(self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]) -> Tries:
         """Return values of an effect's parameters from which fits may begin, told by records; None for its own."""
         return None
+
+    def offers(self, effect: Effect) -> bool:
+        """Return whether an effect of its site can act in this machine: here all of them."""
+        return True
 
     @property
     def memory_s(self) -> float:

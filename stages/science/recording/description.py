@@ -14,7 +14,7 @@ from stages.science.recording.clock import find_rate
 from stages.science.recording.columns import TIME, RecordingError, adopt
 from stages.science.recording.dates import is_dates
 from stages.science.recording.files.readers import Header
-from stages.science.recording.guessing import Guess, guess_map, pair_parts
+from stages.science.recording.guessing import Guess, Key, choose_machine, guess_map, pair_parts
 from stages.science.recording.headings import read_heading
 from stages.science.recording.labels import list_labels, restarts, stays
 from stages.science.recording.uneven import FEWEST, count_rounded, is_uneven
@@ -34,13 +34,12 @@ def describe(
     columns: Mapping[str, pd.Series],
     header: Header,
     largest_jitter: float,
-    machines: Mapping[str, Mapping[str, int]],
+    machines: Mapping[str, Mapping[str, Key]],
 ) -> tuple[list[str], Guess]:
     """Return all that can be told of a file, as lines, and the map that its headings and values make plain.
 
     A step of time may deviate from whole periods by `largest_jitter` of one. The machines are those that could have
-    been recorded: by kind, the keys that name its signals, each with how many it names. A `RecordingError` tells that
-    no column has values.
+    been recorded: by kind, the keys that name its signals. A `RecordingError` tells that no column has values.
     """
     rows = sorted({len(values) for values in columns.values()})
     if not rows or rows[-1] == 0:
@@ -48,6 +47,8 @@ def describe(
     if not any(_is_number(values) and values.notna().sum() > 1 for values in columns.values()):
         raise RecordingError(f"expected a column of two numbers or more, got none in {', '.join(columns)}")
     guess = _guess_columns(columns, header.units, header.single)
+    if not guess.muscles and not (guess.input and guess.output):
+        guess.machine = choose_machine(guess, machines)
     lines = [
         f"{len(columns)} columns, {' or '.join(map(str, rows))} rows",
         *(f"  {each}" for each in [*header.remarks, *header.dropped]),
@@ -141,8 +142,9 @@ def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
     if parts:
         arguments += [f"parts.fitted=[{quote(parts[0])}]", f"parts.verification=[{quote(parts[1])}]"]
     if not guess.muscles:
-        roles = (("input", guess.input), ("output", guess.output))
-        arguments += [f"plant={SIMPLEST}", *(f"plant.{role}={name}" for role, name in roles if name)]
+        roles = {role: [name] for role, name in (("input", guess.input), ("output", guess.output)) if name}
+        kind, named = guess.machine or (SIMPLEST, roles)
+        arguments += [f"plant={kind}", *(_name_signals(key, names) for key, names in named.items() if names)]
     return arguments
 
 
@@ -153,7 +155,12 @@ def quote(value: str) -> str:
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
-def _describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) -> list[str]:
+def _name_signals(key: str, names: Sequence[str]) -> str:
+    """Return the argument by which a key of a machine names its signals."""
+    return f"plant.{key}={names[0] if len(names) == 1 else '[' + ','.join(names) + ']'}"
+
+
+def _describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -> list[str]:
     """Return what the headings leave open, each with what to type."""
     lines = []
     if TIME not in guess.columns:
@@ -175,27 +182,31 @@ def _describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, int]]) -
     for name in guess.assumed:
         lines.append(f"the unit of {guess.columns[name]}: {own_unit(name)} is assumed; end {name} in the right one")
     for does, key, signal in (("drives the machine", "input", guess.input), ("answers", "output", guess.output)):
-        if signal is None and guess.signals:
+        if signal is None and guess.signals and guess.machine is None:
             lines.append(f"which signal {does}: plant.{key}=NAME, of {', '.join(guess.signals)}")
-    others = [_describe_machine(guess, kind, keys) for kind, keys in machines.items() if kind != SIMPLEST]
+    chosen = guess.machine[0] if guess.machine else SIMPLEST
+    others = [_describe_machine(guess, kind, keys) for kind, keys in machines.items() if kind != chosen]
+    why = ", by its quantities" if guess.machine else ""
     return [
         *lines,
-        f"which machine it is: plant={SIMPLEST} is put here; in place of it and its signals may stand",
+        f"which machine it is: plant={chosen} is put here{why}; in place of it and its signals may stand",
         *(f"  {each}" for each in others),
     ]
 
 
-def _describe_machine(guess: Guess, kind: str, keys: Mapping[str, int]) -> str:
+def _describe_machine(guess: Guess, kind: str, keys: Mapping[str, Key]) -> str:
     """Return the arguments that choose a machine, with its signals as far as they are plain."""
+    needed = {key: each.count for key, each in keys.items() if not each.optional}
     rest = [each for each in guess.signals if each != guess.output]
-    told = guess.output is not None and len(rest) == sum(keys.values()) - 1
+    told = guess.output is not None and len(rest) == sum(needed.values()) - 1
     named = iter(rest if told else [])
-    if not told and guess.input and sum(keys.values()) == 2:
+    if not told and guess.input and sum(needed.values()) == 2:
         named = iter([guess.input])
     arguments = [f"plant={kind}"]
-    for key, count in keys.items():
+    for key, count in needed.items():
         signals = [guess.output or "NAME"] if key == "output" else [next(named, "NAME") for _ in range(count)]
-        arguments.append(f"plant.{key}={signals[0]}" if count == 1 else f"'plant.{key}=[{','.join(signals)}]'")
+        argument = _name_signals(key, signals)
+        arguments.append(argument if count == 1 else f"'{argument}'")
     return " ".join(arguments)
 
 

@@ -7,6 +7,7 @@ plain. What is not plain is left to the person.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
+from typing import Protocol
 
 from stages.science.recording.headings import Heading, read_heading
 from stages.science.recording.units import KINDS, end_of, find_kind, own_unit, read_unit
@@ -34,6 +35,8 @@ MUSCLES = {
 }
 FIELD = re.compile(r"^\w+(?:\.\w+)*\.([A-Za-z]\w*)$")
 """A field of a struct, whose last name tells."""
+RATIOS = re.compile(r"(^|_)(contraction|strain|stretch)$")
+"""Names of ratios of lengths, which need no unit."""
 COMMANDED = re.compile(r"command|cmd|ref|set|target|desired")
 
 
@@ -43,7 +46,8 @@ class Guess:
 
     `muscles` says whether the file tells muscles apart, `input` and `output` what drives and what answers. Parts are
     told by the `endings` of columns, or are the two to be fitted and to be opened at the end. The unit of names in
-    `assumed` is told by nothing, and of columns in `left` nothing is; a single number may tell the rate.
+    `assumed` is told by nothing, and of columns in `left` nothing is; a single number may tell the rate. `machine` is
+    the kind of machine whose quantities these are, with the signals of its keys.
     """
 
     columns: dict[str, str] = field(default_factory=dict)
@@ -56,6 +60,7 @@ class Guess:
     assumed: list[str] = field(default_factory=list)
     left: list[str] = field(default_factory=list)
     rate_hz: float | None = None
+    machine: tuple[str, dict[str, list[str]]] | None = None
 
     def take(self, name: str, column: str, unit: str | None = None) -> None:
         """Map a column."""
@@ -67,6 +72,38 @@ class Guess:
     def signals(self) -> list[str]:
         """Names of what was measured over time."""
         return [each for each in self.columns if each not in ("time_s", "record", "part")]
+
+
+class Key(Protocol):
+    """A key of a machine that names signals: how many, whether it may be null, and by what quantities it is known."""
+
+    @property
+    def count(self) -> int: ...
+    @property
+    def optional(self) -> bool: ...
+    @property
+    def quantities(self) -> tuple[str, ...]: ...
+
+
+def choose_machine(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -> tuple[str, dict[str, list[str]]] | None:
+    """Return the kind of machine that most of the measured quantities belong to, with the signals of its keys.
+
+    Signals that are commanded, not measured, are none of them. None where no machine has all that it needs.
+    """
+    found = []
+    for kind, keys in machines.items():
+        free = [each for each in guess.signals if not COMMANDED.search(each)]
+        named: dict[str, list[str]] = {}
+        for key, needs in keys.items():
+            fitting = [each for wanted in needs.quantities for each in free if find_kind(own_unit(each)) == wanted]
+            if len(fitting) < needs.count and not needs.optional:
+                break
+            named[key] = fitting[: needs.count]
+            free = [each for each in free if each not in named[key]]
+        else:
+            used = sum(map(len, named.values()))
+            found.append((-used, sum(each.optional for each in keys.values()), kind, named))
+    return min(found)[2:] if found else None
 
 
 def pair_parts(names: Sequence[str]) -> tuple[str, ...]:
@@ -162,9 +199,16 @@ def _take_muscles(guess: Guess, rest: Sequence[str], units: Mapping[str, str]) -
             guess.take(wanted, column, heading.unit)
 
 
+def _name_unit(name: str) -> str | None:
+    """Return the unit that a name states beside its kind of quantity, as current_a does; None where it does not."""
+    unit = own_unit(name)
+    kind = "ratio" if RATIOS.search(name) else find_kind(unit)
+    return unit if kind in name or RATIOS.search(name) else None
+
+
 def _take_signals(guess: Guess, rest: Sequence[str], plain: Mapping[str, str], units: Mapping[str, str]) -> None:
     for column in rest:
-        unit = _read(column, units).unit
+        unit = _read(column, units).unit or _name_unit(plain[column])
         role = "input" if plain[column] in INPUTS else "output" if plain[column] in OUTPUTS else None
         role = None if role is None or getattr(guess, role) else role
         if unit is None and role is None:
@@ -177,7 +221,7 @@ def _take_signals(guess: Guess, rest: Sequence[str], plain: Mapping[str, str], u
             own = next(iter(KINDS[kind]))
             stem = plain[column] or _plain(kind)
             stem = stem if stem[0].isalpha() else f"signal_{stem}"
-            name = stem if own_unit(stem) == own and own != "ratio" else f"{stem}_{end_of(own)}"
+            name = stem if own_unit(stem) == own and (own != "ratio" or RATIOS.search(stem)) else f"{stem}_{end_of(own)}"
         if name in guess.columns:
             continue
         guess.take(name, column, unit)

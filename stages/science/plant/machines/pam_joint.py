@@ -7,7 +7,7 @@ pressures and motion alone do not tell.
 """
 
 from collections.abc import Mapping, Sequence
-from typing import Literal
+from typing import ClassVar, Literal
 
 import numpy as np
 from pydantic import Field
@@ -34,6 +34,8 @@ class JointConstants(MotionConstants):
 
 class PamJoint(MotionPlant):
     """Everything that simulating an antagonistic joint takes."""
+
+    QUANTITIES: ClassVar = {"pressures": ("pressure",), "output": ("angle",)}
 
     kind: Literal["pam_joint"]
     pressures: list[str] = Field(min_length=2, max_length=2, description="raises the output, lowers it")

@@ -2,18 +2,19 @@
 
 A spring under test is a constant times position and an offset; a McKibben muscle at a fixed length, constants times
 pressure; a pneumatic cylinder, pressures and a friction that is an effect. Signals of records flow in, with constants
-and effects; the answer flows out. What depends on the way or the speed is never nominal: it has a name, or none.
+and effects; the answer flows out. The signals `path` and `rate` are displacement and its rate. What depends on the history of
+displacement is never nominal: it has a name, or none.
 """
 
 from collections.abc import Mapping
-from typing import Literal, Self
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import Field, model_validator
 
 from stages.science.plant.effect import Parameter
 from stages.science.plant.effect_config import NominalConstant
-from stages.science.plant.element_plant import ElementPlant
+from stages.science.plant.element_plant import PATH, RATE, ElementPlant
 from stages.science.signals.trajectories import Array
 
 FURTHEST = 20.0
@@ -23,7 +24,7 @@ FURTHEST = 20.0
 class MapConstant(NominalConstant):
     """A constant and the signals whose product it multiplies."""
 
-    of: list[str] = Field(description="none for an offset, one twice for a square; along stands for that of `along`")
+    of: list[str] = Field(description="none for an offset, one twice for a square; a key such as along for its signal")
 
 
 class StaticMap(ElementPlant):
@@ -32,16 +33,33 @@ class StaticMap(ElementPlant):
     kind: Literal["static_map"]
     constants: dict[str, MapConstant] = Field(min_length=1)
 
-    @model_validator(mode="after")
-    def _name_way(self) -> Self:
-        for each in self.constants.values():
-            each.of[:] = [self.along if signal == "along" else signal for signal in each.of]
-        return self
+    @model_validator(mode="before")
+    @classmethod
+    def _name_signals(cls, section: Any) -> Any:
+        """Put signals in place of the keys that name them, and leave out products of a signal that there is not."""
+        if not isinstance(section, Mapping) or not isinstance(section.get("constants"), Mapping):
+            return section
+        keys = {key for key, each in cls.model_fields.items() if each.annotation in (str, str | None)}
+        keys -= {"kind", "output", *(each for each in cls.model_fields if each not in section)}
+
+        def name(told: Any) -> Any:
+            return [section[each] if each in keys else each for each in told] if isinstance(told, list) else told
+
+        named = {
+            key: {**each, "of": name(each["of"])} if isinstance(each, Mapping) and "of" in each else each
+            for key, each in section["constants"].items()
+        }
+        left = {
+            key: each for key, each in named.items() if not (isinstance(each, Mapping) and None in (each.get("of") or ()))
+        }
+        pressing = [each for each in name(section.get("pressing", [])) if each is not None]
+        return {**section, "constants": left, **({"pressing": pressing} if "pressing" in section else {})}
 
     @property
     def inputs(self) -> tuple[str, ...]:
         """Signals that the answer is told from, the one along which it is moved first."""
-        return tuple(dict.fromkeys([self.along, *(name for each in self.constants.values() for name in each.of)]))
+        multiplied = (name for each in self.constants.values() for name in each.of if name not in (PATH, RATE))
+        return tuple(dict.fromkeys([*super().inputs, *multiplied]))
 
     @property
     def parameters(self) -> tuple[Parameter, ...]:
@@ -65,6 +83,8 @@ class StaticMap(ElementPlant):
     def guess(self, signals: Mapping[str, Array]) -> dict[str, tuple[float, float, float, float]]:
         """Return zero for each, and bounds by the measured ranges."""
         largest = {name: max(float(np.abs(values).max()), 1e-12) for name, values in signals.items()}
+        largest[PATH] = max(float(np.abs(self.displace(signals)).max()), 1e-12)
+        largest[RATE] = self.know("along_scale") / self.know("time_scale_s")
         most = FURTHEST * max(self.know("output_scale"), largest[self.output])
         guessed = {}
         for name, each in self.constants.items():
