@@ -17,7 +17,7 @@ from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.output_channels.whole_record_channel import build_whole_records
 from stages.science.plant.machine import list_kinds
 from stages.science.plant.plant import Plant
-from stages.science.plant.record_plant import RecordPlant
+from stages.science.plant.record_plant import NOTHING, RecordPlant
 from stages.science.recording.measured_tables import MeasuredTables
 from stages.science.recording.muscles import NOMINAL
 
@@ -110,7 +110,7 @@ def check_plant(plant: Plant | RecordPlant, kind: str, known: Sequence[str]) -> 
     if not isinstance(plant, RecordPlant):
         return
     for name in (*plant.inputs, plant.output):
-        if name not in known:
+        if name not in (*known, NOTHING):
             settings = dict(_list_settings(plant.model_dump(), name, "plant"))
             raise ValueError(
                 f"signal {name}, named by {' and '.join(settings)}: expected it to be measured; known are "

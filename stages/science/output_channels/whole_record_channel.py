@@ -31,7 +31,7 @@ from stages.science.output_channels.output_channel import (
 from stages.science.output_channels.records import bridge, bridge_short, spread_records, thin_out
 from stages.science.plant.effect import list_effects
 from stages.science.plant.effect_config import list_effects_at
-from stages.science.plant.record_plant import HEAD, InitialState, RecordPlant, read_initial_state
+from stages.science.plant.record_plant import HEAD, NOTHING, InitialState, RecordPlant, read_initial_state
 from stages.science.recording.units import own_unit
 from stages.science.signals.trajectories import Array
 
@@ -264,7 +264,8 @@ def build_whole_records(
         samples.
     """
     names = (*plant.inputs, plant.output)
-    records, step_s = spread_records(signals, names)
+    records, step_s = spread_records(signals, [each for each in names if each != NOTHING])
+    records = {name: rows.assign(**{NOTHING: 0.0}) for name, rows in records.items()}
     _check_records(records, trials, plant)
     bridged = [{name: bridge(rows[name]) for name in names} for rows in records.values()]
     resolved = plant.resolve_from_data(bridged, step_s)
@@ -318,11 +319,11 @@ def _is_still(values: Array) -> bool:
 
 def _check_records(records: Mapping[str, pd.DataFrame], trials: pd.DataFrame, plant: RecordPlant) -> None:
     output = plant.output
-    for name in plant.inputs:
+    for name in () if plant.FREE else plant.inputs:
         if all((rows[name].fillna(0.0) == 0.0).all() for rows in records.values()):
             raise ValueError(f"signal {name}: expected an input that acts, got 0 throughout")
     pushed = {name: np.concatenate([rows[name].dropna() for rows in records.values()]) for name in plant.inputs}
-    if pushed and all(_is_still(each) for each in pushed.values()):
+    if pushed and not plant.FREE and all(_is_still(each) for each in pushed.values()):
         name, each = next(iter(pushed.items()))
         raise ValueError(
             f"signal {name}: expected an input that changes, got {each[0]:g} throughout; by that, nothing can be told "

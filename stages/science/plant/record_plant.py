@@ -39,10 +39,14 @@ class Watched(NamedTuple):
     rate: bool
 
 
+NOTHING = "nothing"
+"""Name of an input that is zero throughout and needs no column: the machine moves by itself."""
 HEAD = 50
 """Samples by which the state is estimated in which a record begins, at most."""
 FEWEST = 5
 """Of these, those through which a parabola is drawn at least."""
+BENT, TESTED = 2.0, 10
+"""F of two further powers above which samples lie on no parabola, and samples from which that is tested."""
 AT_REST = 3.0
 """Standard errors of a rate within which a record begins at rest."""
 
@@ -79,13 +83,23 @@ def _read_one(head: Array, step_s: float, at_s: float) -> tuple[float, float, fl
     for count in range(len(head), FEWEST - 1, -1):
         columns = np.vander(np.arange(count) * step_s - at_s, 3, increasing=True)
         found = np.linalg.lstsq(columns, head[:count], rcond=None)[0]
-        left = head[:count] - columns @ found
-        if np.sqrt((left**2).sum() / (count - 2)) < 1.5 * noise:
+        squares = float(((head[:count] - columns @ found) ** 2).sum())
+        if np.sqrt(squares / (count - 2)) < 1.5 * noise and not _is_bent(head[:count], squares):
             break
     factor = np.linalg.qr(columns, mode="r")
     error = noise * np.sqrt((np.linalg.solve(factor, np.eye(3)) ** 2).sum(axis=1))
     rate = 0.0 if abs(found[1]) < AT_REST * error[1] else float(found[1])
     return float(found[0]), float(error[0]), rate, float(error[1]), noise
+
+
+def _is_bent(head: Array, squares: float) -> bool:
+    """Return whether a quartic describes samples better than a parabola that leaves such squares, by an F test."""
+    places = np.linspace(-1.0, 1.0, len(head))
+    if len(head) < TESTED:
+        return False
+    columns = np.vander(places, 5)
+    left = float(((head - columns @ np.linalg.lstsq(columns, head, rcond=None)[0]) ** 2).sum())
+    return (squares - left) * (len(head) - 5) > 2.0 * BENT * left
 
 
 class RecordPlant(Declared):
@@ -105,6 +119,8 @@ class RecordPlant(Declared):
     """Whether a small error grows without end: then no slope at a fit says what another effect would change."""
     TOGETHER: ClassVar[int] = 1
     """Simulations that take together little longer than one."""
+    FREE: ClassVar[bool] = False
+    """Whether it moves by itself, so that a record tells something although no input changes."""
     QUANTITIES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """By key that names signals: kinds of quantities, as of `units.KINDS`, by which records of such a machine are known."""
     WATCHED: ClassVar[tuple[str, str]] = ("state", "rate of state")

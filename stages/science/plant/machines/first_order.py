@@ -103,6 +103,7 @@ class FirstOrder(RecordPlant):
 
     SITE: ClassVar[str] = SITE
     TERMS: ClassVar = LagTerms
+    FREE: ClassVar[bool] = True
     WATCHED: ClassVar[tuple[str, str]] = ("level", "rate of level")
 
     kind: Literal["first_order"]
@@ -144,7 +145,7 @@ class FirstOrder(RecordPlant):
             float, regress(rows, [y[:, 0] for _, y in filtered], int(np.ceil(8.0 * tau_s / step_s)))
         )
         lag = lag if lag > 0.0 else pace
-        largest = max(float(np.abs(each[self.input]).max()) for each in records)
+        largest = max(float(np.abs(each[self.input]).max()) for each in records) or 1.0
         middle = float(np.abs(np.concatenate(outputs)).max())
         wide = max(abs(gain), scale / max(largest, 1e-12))
         far = max(middle, scale)

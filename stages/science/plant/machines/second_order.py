@@ -36,6 +36,7 @@ class Oscillator(MotionPlant):
     """Everything that simulating a driven oscillator takes."""
 
     ELEMENT: ClassVar[str] = "oscillator"
+    FREE: ClassVar[bool] = True
 
     kind: Literal["second_order"]
     input: str
@@ -58,7 +59,7 @@ class Oscillator(MotionPlant):
         pace = self.know("time_scale_s")
         omega = float(np.sqrt(hold)) if hold > 0.0 else 1.0 / pace
         hertz, ratio = omega / (2.0 * np.pi), float(np.clip(0.5 * damping / omega, 0.005, 1.5))
-        largest, swing = max(float(np.abs(u[:, 0]).max()) for u in inputs), self.know("output_scale")
+        largest, swing = max(float(np.abs(u[:, 0]).max()) for u in inputs) or 1.0, self.know("output_scale")
         middle = float(np.mean(np.concatenate([y[:, 0] for y in outputs])))
         gain = push / omega**2 if abs(push) > 0.0 else swing / max(largest, 1e-12)
         wide = 20.0 * abs(gain)
