@@ -27,7 +27,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import list_signals
-from stages.science.recording.assembly import Notes, choose_muscles, complete, read_parts
+from stages.science.recording.assembly import Notes, choose_muscles, complete, note_missing, read_parts
 from stages.science.recording.blocks import WHOLE, arrange_records, list_blocks, split_records
 from stages.science.recording.clock import count_time, find_rate, regularise
 from stages.science.recording.column_map import ColumnMap, is_one_trial, join_parts
@@ -391,6 +391,7 @@ def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
     if cfg.measured is not None:
         notes.extend(note_reading(find_samples(cfg.measured), cfg, source.muscles))
     samples, muscles = choose_muscles(source.samples, source.muscles, source.described_in, notes)
+    notes += note_missing(samples, READINGS)
     rate = find_rate(samples, ("trial", "muscle"), source.rate_hz)
     parts = read_parts(samples, WHOLE)
     recorded = samples.groupby("trial", sort=False).size()
@@ -430,6 +431,7 @@ def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
     given = cfg.measurement
     notes = note_reading(file, cfg, known)
     with about(str(file)):
+        notes += note_missing(frame, signals)
         frame = even_out(frame, signals, given.largest_jitter, notes)
         check_rows(frame, RECORD_KEY)
         frame, rate = arrange_records(frame, signals, given.blocks, given.rate_hz, given.largest_jitter, notes)

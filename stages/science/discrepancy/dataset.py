@@ -14,7 +14,7 @@ from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.parts import FITTED, VERIFICATION
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.output_channel import OutputChannel
-from stages.science.output_channels.whole_record_channel import build_whole_records
+from stages.science.output_channels.whole_record_channel import FEWEST, build_whole_records
 from stages.science.plant.machine import list_kinds
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import NOTHING, RecordPlant
@@ -82,7 +82,15 @@ def build_dataset(
     gaps = {name: trial_parts[name].to_numpy() for name in ("left_before", "left_after")}
     blocks = tables.measured_trials.assign(**gaps)
     output = build_whole_records(tables.measured_signals, blocks, plant, settings.detection)
-    return Dataset(output.plant, [output], trials, parts)
+    dataset = Dataset(output.plant, [output], trials, parts)
+    for name, places in (("fitted", dataset.fitted), ("test", dataset.test)):
+        judged = int(output.present[:, places].sum())
+        if judged < FEWEST:
+            raise ValueError(
+                f"signal {output.channel}: expected {FEWEST} samples or more in the {name} trials, got {judged} of "
+                f"{int(output.present.sum())} in all; choose other parts, as parts.last_share=0.4"
+            )
+    return dataset
 
 
 def _begin_with(plant: Plant, muscles: pd.DataFrame) -> pd.DataFrame:

@@ -71,13 +71,24 @@ def assign_parts(given: Sequence[str], parts: Parts, share: float, records: Sequ
     candidates = [k for k, part in enumerate(given) if part not in test and part in (parts.fitted or given)]
     chosen = [k for k, part in enumerate(given) if part in test]
     if not chosen and parts.last_share is not None:
-        chosen = candidates[len(candidates) - max(round(parts.last_share * len(candidates)), 1) :]
+        chosen = _choose_last(candidates, records, parts.last_share)
     if not chosen:
         chosen = _choose(candidates, given, records, share)
     fitted = [k for k in candidates if k not in chosen]
     if len(fitted) < 2:
         raise ValueError(f"parts: expected at least 2 trials to fit, got {len(fitted)}; name other parts")
     return [VERIFICATION if k in chosen else FITTED if k in fitted else OTHER for k in range(len(given))]
+
+
+def _choose_last(candidates: Sequence[int], records: Sequence[str], share: float) -> list[int]:
+    """Return the last trials: of each record that has several blocks its own last ones, of all others the last."""
+    blocks: dict[str, list[int]] = {}
+    for k in candidates:
+        blocks.setdefault(records[k] if records else "", []).append(k)
+    single = [k for own in blocks.values() if len(own) == 1 for k in own]
+    several = [own for own in blocks.values() if len(own) > 1]
+    streams = [*several, *([single] if single else [])]
+    return sorted(k for own in streams for k in own[len(own) - max(round(share * len(own)), 1) :])
 
 
 def _choose(candidates: Sequence[int], given: Sequence[str], records: Sequence[str], share: float) -> list[int]:

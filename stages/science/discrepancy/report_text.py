@@ -224,6 +224,17 @@ def describe_rate(output: OutputChannel) -> list[str]:
     ]
 
 
+def describe_forgotten(output: OutputChannel, plant: Plant | RecordPlant, most: float) -> list[str]:
+    """Return how many measured samples are not judged for want of an input, if it is more than a share of them."""
+    lost, judged = output.forgotten, int(output.present.sum())
+    if not isinstance(plant, RecordPlant) or lost <= most * (lost + judged):
+        return []
+    return [
+        f"Of {lost + judged} samples of {output.channel}, {lost} are not judged: after a value of "
+        f"{' or '.join(plant.inputs)} is missing, none counts until the machine has forgotten it."
+    ]
+
+
 def describe_few_trials(fitted: int, test: int, least: int) -> list[str]:
     """Return that fewer than the least number of fitted trials say little, if they are."""
     text = (

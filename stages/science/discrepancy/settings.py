@@ -81,6 +81,7 @@ class ReportSettings(Declared):
     least_share: float = Field(ge=0.0, le=1.0)
     nearest_gap: float = Field(gt=0.0, le=1.0)
     odd_trial: float = Field(gt=1.0)
+    most_forgotten: float = Field(ge=0.0, le=1.0)
     most_places: int = Field(ge=1)
 
 

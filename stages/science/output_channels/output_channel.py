@@ -144,6 +144,8 @@ class OutputChannel(ABC):
     """Other starting values of some constants for the nominal fit; the best fit is taken."""
     averaged: int = 1
     """Samples of the recording in one of these: more of them would tell nothing more."""
+    forgotten: int = 0
+    """Measured samples that are not judged, since what they are simulated from lacks values before them."""
     jitters: bool = True
     """Whether each trial may have an offset and a gain of its own, as parts of one record have not."""
 

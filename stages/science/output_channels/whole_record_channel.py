@@ -77,7 +77,10 @@ class WholeRecordChannel(OutputChannel):
     head: int
     """Samples by which that may be refined."""
     limits: DetectionSettings
+    beside: tuple[str, ...]
+    """Signals of the records that the plant does not name; what they explain gets no effect's name."""
     averaged: int
+    forgotten: int
     jitters = False
 
     def __post_init__(self) -> None:
@@ -191,10 +194,12 @@ class WholeRecordChannel(OutputChannel):
                 f"{type(self.plant).__name__}.watch: expected a state, Watched(name, samples, False), and a rate whose "
                 f"sign is a direction, Watched(name, samples, True); got {told}"
             )
-        return [
+        own = [
             Driver(name, self._cut({k: each[place].samples[:, 0] for k, each in watched.items()}), rate=rate)
             for place, (name, _, rate) in enumerate(first)
         ]
+        aside = [Driver(name, self._cut({k: self.records[k][name] for k in self._used}), False) for name in self.beside]
+        return own + aside
 
     def respond(self, features: Array) -> Array:
         """Return the features of a flexible model as the plant's output answers to them."""
@@ -267,19 +272,20 @@ def build_whole_records(
     records, step_s = spread_records(signals, [each for each in names if each != NOTHING])
     records = {name: rows.assign(**{NOTHING: 0.0}) for name, rows in records.items()}
     _check_records(records, trials, plant)
+    beside = _list_beside(records, names)
     bridged = [{name: bridge(rows[name]) for name in names} for rows in records.values()]
     resolved = plant.resolve_from_data(bridged, step_s)
     stride = max(int(resolved.finest_s / step_s), 1)
     order = {name: k for k, name in enumerate(records)}
     thinned = []
     for rows in records.values():  # of inputs, also gaps of `stride` samples are bridged
-        short = {name: bridge_short(rows[name], stride - (name == plant.output)) for name in names}
+        short = {name: bridge_short(rows[name], stride - (name == plant.output)) for name in (*names, *beside)}
         thinned.append(thin_out(pd.DataFrame(short), stride, resolved.pushing))
     first_s, step_s = step_s, step_s * stride
-    filled = [{name: bridge(rows[name]) for name in names} for rows in thinned]
+    filled = [{name: bridge(rows[name]) for name in (*names, *beside)} for rows in thinned]
     known = [_find_known(rows, plant, resolved.memory_s / step_s) for rows in thinned]
     samples = int(trials["samples"].max()) // stride
-    places, measured, present = [], [], []
+    places, measured, present, forgotten = [], [], [], 0
     for block in trials.to_dict("records"):
         record, first = order[str(block["record"])], round(block["start_s"] / step_s)
         before, after = (block.get(f"left_{end}", 0) for end in ("before", "after"))
@@ -290,6 +296,7 @@ def build_whole_records(
         places.append((record, first))
         measured.append(filled[record][plant.output][at])
         present.append(inside & known[record][at])
+        forgotten += int((inside & thinned[record][plant.output].notna().to_numpy()[at] & ~known[record][at]).sum())
     if np.sum(present) < FEWEST:
         lost = [name for name in plant.inputs if any(rows[name].isna().any() for rows in records.values())]
         lacking = f"; {', '.join(lost)} lack values, after which none counts for {resolved.memory_s:.3g} s"
@@ -309,8 +316,17 @@ def build_whole_records(
         tuple(read_initial_state([each[plant.output][:HEAD]], first_s, 0.5 * (step_s - first_s)) for each in bridged),
         max(HEAD // stride, 3),
         limits,
+        beside,
         stride,
+        forgotten,
     )
+
+
+def _list_beside(records: Mapping[str, pd.DataFrame], names: Sequence[str]) -> tuple[str, ...]:
+    """Return the signals beside those named that change in some record."""
+    others = dict.fromkeys(name for rows in records.values() for name in rows if name not in (*names, NOTHING))
+    together = {name: np.concatenate([bridge(rows[name]) for rows in records.values()]) for name in others}
+    return tuple(name for name, each in together.items() if not _is_still(each))
 
 
 def _is_still(values: Array) -> bool:

@@ -53,6 +53,16 @@ def choose_muscles(
     return chosen, muscles.set_index("muscle").loc[used].reset_index()
 
 
+def note_missing(samples: pd.DataFrame, names: Sequence[str]) -> Notes:
+    """Return notes on columns of which some values are missing, with how many."""
+    counts = samples[[name for name in names if name in samples]].isna().sum()
+    return [
+        (str(name), f"{count} of {len(samples)} values are missing ({100.0 * count / len(samples):.2g} %)")
+        for name, count in counts.items()
+        if 0 < count < len(samples)
+    ]
+
+
 def order_rows(samples: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
     """Return samples by trial, by muscle in a given order, and by time."""
     place = samples["muscle"].map({name: index for index, name in enumerate(muscles)})

@@ -53,8 +53,8 @@ def test_impossible_parts_are_refused(names, told):
         assign_parts(GIVEN, choose(**names), 0.375)
 
 
-def opened(parts, records):
-    purposes = assign_parts(parts, choose(), 0.375, records)
+def opened(parts, records, **names):
+    purposes = assign_parts(parts, choose(**names), 0.375, records)
     return [k for k, purpose in enumerate(purposes) if purpose == "verification"]
 
 
@@ -165,3 +165,10 @@ def test_the_share_that_the_past_makes_is_zero_if_reversed_time_leaves_the_force
     opening = next(form for form in force.forms if form.form == "opening")
     at_once, late = (share(opening, slack=0.03, load=0.2, tau_s=tau_s) for tau_s in (0.0, 0.1))
     assert at_once < 1e-6 < 0.2 < late
+
+
+def test_the_last_share_is_that_of_each_record_of_several_blocks_and_of_all_that_are_one():
+    assert opened(["given"] * 10, list("aaaaabbbbb"), last_share=0.4) == [3, 4, 8, 9]
+    assert opened(["given"] * 7, list("aaaaabc"), last_share=0.4) == [3, 4, 6]
+    assert opened(["given"] * 5, list("abcde"), last_share=0.4) == [3, 4]
+    assert opened(["given"] * 5, [""] * 5, last_share=0.4) == [3, 4]
