@@ -21,9 +21,9 @@ from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.report_text import (
     describe_bounds,
     describe_few_trials,
+    describe_forgotten,
     describe_high_floor,
     describe_odd_trials,
-    describe_forgotten,
     describe_rate,
     describe_remainder,
     describe_scales,

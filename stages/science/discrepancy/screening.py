@@ -95,7 +95,8 @@ def _try_starts(found: Fit, forms: Sequence[EffectForm]) -> dict[tuple[str, str]
         constants, known = model.name_values(found.values)[0], len(found.values)
         for base, start in product(bases[:1] if form.scales else bases, output.starts(form, constants)):
             extended = replace(model, forms=(*model.forms, form))
-            values = np.concatenate([base, [start[each.name] for each in form.parameters]])
+            begun = [start.get(each.name, value) for each, value in zip(output.constants, base[:fixed], strict=True)]
+            values = np.concatenate([begun, base[fixed:], [start[each.name] for each in form.parameters]])
             tried = fit_values(extended, noise, values, iterations=TRIED)
             share = 1.0 - float(np.sum(np.where(output.present, tried.leave_each_out(), 0.0) ** 2) / before)
             key = (form.name, form.form)

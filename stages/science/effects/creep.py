@@ -87,6 +87,29 @@ YIELDING_ELEMENT = ElementEffect(
     apply=_apply_to_element,
 )
 
+
+def _apply_two_branches_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
+    tau_s = parameters["paces"] * bench.time_scale_s
+    slow, slower = (lag(bench.along, tau_s * ratio, bench.step_s) for ratio in (1.0, parameters["ratio"]))
+    return answer + parameters["share"] * (bench.along - 0.5 * (slow + slower))
+
+
+TWO_BRANCHES_ELEMENT = replace(
+    YIELDING_ELEMENT,
+    form="element_two_branches",
+    parameters=(
+        YIELDING_ELEMENT.parameters[0],
+        replace(YIELDING_ELEMENT.parameters[1], starts=(0.2, 1.0)),
+        Parameter("ratio", "1", 3.0, 100.0, 10.0, 10.0, "slower over slow time constant", (8.0,)),
+    ),
+    source=(
+        "Ferry, Viscoelastic properties of polymers, 3rd edition (1980), chapter 3: a row of Maxwell elements relaxes "
+        "with the logarithm of time"
+    ),
+    apply=_apply_two_branches_to_element,
+    scales=False,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -138,4 +161,5 @@ FORMS = (
         apply=_apply_stress_relaxation,
     ),
     YIELDING_ELEMENT,
+    TWO_BRANCHES_ELEMENT,
 )

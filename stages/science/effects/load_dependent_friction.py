@@ -54,8 +54,8 @@ LAGGED = replace(
         Parameter("paces", "1", 0.01, 5.0, 0.2, 0.5, "time in which it follows the load, over the pace", (0.05, 0.5)),
     ),
     source=(
-        "Spencer, Dyke, Sain, Carlson, Phenomenological model for magnetorheological dampers, J. Eng. Mech. 123 (1997): "
-        "a yield force that follows the voltage through a first-order lag"
+        "Spencer, Dyke, Sain, Carlson, Phenomenological model for magnetorheological dampers, J. Eng. Mech. 123 "
+        "(1997): a yield force that follows the voltage through a first-order lag"
     ),
     signature="the answer steps whenever motion turns, and more so some time after the load has grown",
     split_by="a step of the load while the speed is constant",

@@ -37,6 +37,8 @@ from stages.science.signals.trajectories import Array
 
 EXACT, FULL = "saturation", "full_tank"
 """Effect whose levels exactly repeated values show, and its form that is a level of the vessel, not of the sensor."""
+BLIND, BELOW = "sign_blind_sensor", 0.05
+"""Effect of a sensor that shows nothing below zero, and range below zero over all of it that is none of its noise."""
 AVERAGED, ROUNDED = 3e-4, 1e-6
 """Numerical error over a signal's range: of averaged samples, and of rounding and integration."""
 FEWEST = 10
@@ -96,11 +98,15 @@ class WholeRecordChannel(OutputChannel):
         found = list_effects_at(self.plant.SITE, [name for name in list_effects() if name not in taken])
         forms = []
         for each in found:
-            if not self.plant.offers(each):
+            if not self.plant.offers(each) or (each.name == BLIND and self._goes_below_zero):
                 continue
             scales = getattr(each, "scales", True) and not self.plant.drifts
             forms.append(EffectForm(each.name, each.form, each.site, each.parameters, each, scales, tried=True))
         return tuple(self._read_level(form) for form in forms)
+
+    @property
+    def _goes_below_zero(self) -> bool:
+        return bool(self.measured[self.present].min(initial=0.0) < -BELOW * self.range)
 
     def _read_level(self, form: EffectForm) -> EffectForm:
         """Return a form with the parameter at the level that exact values show, if they do."""
@@ -171,6 +177,15 @@ class WholeRecordChannel(OutputChannel):
             groups.append(_Group(tuple(records), self.plant.refine(signals, self.step_s), begun))
         return groups
 
+    @cached_property
+    def _seen(self) -> list[Mapping[str, Array]]:
+        """Inputs of the records that have a block, and their output as far as these blocks show it."""
+        shown = {record: np.full(len(self.records[record][self.plant.output]), np.nan) for record in self._used}
+        for k, (record, first) in enumerate(self.places):
+            at = first + np.flatnonzero(self.present[:, k])
+            shown[record][at] = self.measured[self.present[:, k], k]
+        return [{**self.records[record], self.plant.output: bridge(pd.Series(shown[record]))} for record in self._used]
+
     @property
     def _used(self) -> list[int]:
         return sorted({record for record, _ in self.places})
@@ -221,7 +236,7 @@ class WholeRecordChannel(OutputChannel):
         """Return starting values of a form; of saturation the levels that repeated values show, or none."""
         if _is_exact(form):
             return [shown] if (shown := self._show(form)) else []
-        told = self.plant.list_starts(form.effect, [each.signals for each in self._groups], constants)
+        told = self.plant.list_starts(form.effect, self._seen, self.step_s, constants)
         return list_starts(form) if told is None else told
 
     def shows(self, form: EffectForm) -> bool:
@@ -324,7 +339,7 @@ def build_whole_records(
 
 def _list_beside(records: Mapping[str, pd.DataFrame], names: Sequence[str]) -> tuple[str, ...]:
     """Return the signals beside those named that change in some record."""
-    others = dict.fromkeys(name for rows in records.values() for name in rows if name not in (*names, NOTHING))
+    others = dict.fromkeys(str(name) for rows in records.values() for name in rows if name not in (*names, NOTHING))
     together = {name: np.concatenate([bridge(rows[name]) for rows in records.values()]) for name in others}
     return tuple(name for name, each in together.items() if not _is_still(each))
 

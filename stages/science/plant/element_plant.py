@@ -14,11 +14,14 @@ from pydantic import Field, model_validator
 from stages.science.plant.effect import Bench, Effect
 from stages.science.plant.effect_config import EffectConfig
 from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Watched
+from stages.science.signals.filtering import differentiate
 from stages.science.signals.trajectories import Array
 
 SITE = "element"
 PATH, RATE = "path", "rate"
 """Names of displacement and its rate per second among the signals that an answer is made of; unit of `along`."""
+SMOOTHED, CUBIC = 0.15, 3
+"""Window, paces, and order of the polynomials by which a displacement is differentiated."""
 STILL = 1e-9
 """Range of a signal over its largest value, up to which it stands still but for rounding."""
 
@@ -134,7 +137,11 @@ class ElementPlant(RecordPlant):
     def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
         """Return signals (T, R) with the rate of displacement, per second."""
         path = self.displace(signals)
-        return {**signals, PATH: path, RATE: signals[self.speed] if self.speed else np.gradient(path, step_s, axis=0)}
+        return {**signals, PATH: path, RATE: signals[self.speed] if self.speed else self._differentiate(path, step_s)}
+
+    def _differentiate(self, path: Array, step_s: float) -> Array:
+        window_s = min(SMOOTHED * self.movement_s, len(path) * step_s - 2.0 * step_s)
+        return differentiate(path, 1.0 / step_s, window_s, CUBIC)
 
     def set_up(self, signals: Mapping[str, Array], step_s: float, start_s: Array) -> Bench:
         """Return what effects look at, for signals as `refine` returns them, (T, R)."""

@@ -22,7 +22,7 @@ def list_kinds() -> tuple[str, ...]:
 class SignalKey(NamedTuple):
     """A key of a machine that names signals: how many, whether it may be null, and by what quantities it is known."""
 
-    count: int
+    signals: int
     optional: bool
     quantities: tuple[str, ...]
 

@@ -48,6 +48,7 @@ class MotionTerms(NamedTuple):
     delay: float = 0.0
     drive_cut: float = 0.0
     sensor_offset: float = 0.0
+    folded: float = 0.0
     unread: float = 0.0
     lowest: float = -math.inf
     highest: float = math.inf
@@ -211,8 +212,11 @@ def integrate(
     late = (told["delay"] * 2.0 * np.pi / pace + late) * (2 * substeps)
     drive, hold, start = (np.ascontiguousarray(each) for each in (drive, hold, start))
     moved = _integrate(drive, hold, start, table, limit, late, h, substeps)
+    moved = moved + told["sensor_offset"]
+    if told["folded"].any():
+        moved = moved + 2.0 * told["folded"] * np.maximum(-(moved + offset), 0.0)
     ends = (told[name] - offset for name in ("lowest", "highest"))
-    return read(moved + told["sensor_offset"], told["unread"], *ends)
+    return read(moved, told["unread"], *ends)
 
 
 def refine(signal: Array, substeps: int, between: Between) -> Array:

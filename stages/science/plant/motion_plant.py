@@ -14,6 +14,7 @@ from pydantic import Field
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
+from stages.science.plant.filters import lag
 from stages.science.plant.linear_guess import filter_derivatives, find_pace
 from stages.science.plant.motion import SITE, WIDE, Between, MotionTerms, integrate, refine
 from stages.science.plant.record_plant import (
@@ -40,6 +41,12 @@ QUICKER, MOST_HALVINGS = 0.5, 12
 
 A machine that is moved much more slowly than it moves by itself shows its usual motion in little else than what rests.
 """
+
+
+BLIND = "sign_blind_sensor"
+"""Effect beside which constants have to be guessed anew."""
+LAGGED, LAGS = 20.0, 40
+"""Longest time constant, paces, of the lags by which the sign of an output is restored, and how many are tried."""
 
 
 class _MotionEffect(EffectConfig):
@@ -89,10 +96,41 @@ class MotionPlant(RecordPlant):
         """All inputs."""
         return self.inputs
 
-    def list_starts(self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]) -> Tries:
-        """Return limits of the drive; see `list_limits`."""
-        pushes = (self.pull(each, constants).push for each in signals)
+    def list_starts(
+        self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float, constants: Mapping[str, float]
+    ) -> Tries:
+        """Return limits of the drive, see `list_limits`; and the machine that records show whose sign is restored."""
+        if effect.name == BLIND and len(self.inputs) == 1:
+            return self._list_signed_starts(effect, records, step_s)
+        pushes = (self.pull(each, constants).push for each in records)
         return list_limits(effect, "drive", pushes, self.know("output_scale") / self.know("time_scale_s") ** 2)
+
+    def _list_signed_starts(self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float) -> Tries:
+        """Return starts of a sensor that is blind to the sign, with constants guessed from outputs of both signs.
+
+        The sign is that of the input, less its mean or not, through the lag whose size follows the output best.
+        """
+        open_ones = {
+            name: NominalConstant(unit=each.unit, start=None, low=None, high=None, sd=None)
+            for name, each in self.nominal.items()
+        }
+        free = self.model_copy(
+            update={"constants": type(self.constants)(**open_ones), "time_scale_s": None, "output_scale": None}
+        )
+        tries = []
+        sizes = np.concatenate([each[self.output] for each in records])
+        for taus in np.geomspace(step_s, LAGGED * self.know("time_scale_s"), LAGS):
+            followed = [lag(each[self.inputs[0]][:, None], float(taus), step_s)[:, 0] for each in records]
+            alike = float(np.corrcoef(np.abs(np.concatenate(followed)), sizes)[0, 1])
+            tries.append((alike, followed))
+        best = max(tries, key=lambda each: each[0])[1]
+        signed = [
+            {**each, self.output: np.copysign(each[self.output], path)}
+            for each, path in zip(records, best, strict=True)
+        ]
+        told = free.resolve_from_data(signed, step_s).starts
+        kept = {each.name: float(np.clip(told[each.name], each.low, each.high)) for each in self.parameters}
+        return [{effect.parameters[0].name: 1.0, **kept}]
 
     @property
     def memory_s(self) -> float:

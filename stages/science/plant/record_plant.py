@@ -26,7 +26,7 @@ PERIODS = 2.0
 SAMPLES_A_PERIOD = 200
 Terms = TypeVar("Terms")
 Tries = list[dict[str, float]] | None
-"""Values of parameters from which a fit is tried; None for their own starts."""
+"""Values of parameters, and of constants, from which a fit is tried; None for the parameters' own starts."""
 Case = tuple[Mapping[str, float], Sequence[Placed]]
 """Constants by name, and effects beside those listed."""
 
@@ -122,7 +122,7 @@ class RecordPlant(Declared):
     FREE: ClassVar[bool] = False
     """Whether it moves by itself, so that a record tells something although no input changes."""
     QUANTITIES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
-    """By key that names signals: kinds of quantities, as of `units.KINDS`, by which records of such a machine are known."""
+    """By key that names signals: kinds of quantities (`units.KINDS`) by which records of such a machine are known."""
     WATCHED: ClassVar[tuple[str, str]] = ("state", "rate of state")
     """What `watch` calls the output and its rate."""
 
@@ -206,8 +206,14 @@ class RecordPlant(Declared):
         """Time between samples, s, below which more of them tell no more."""
         return self.movement_s / (PERIODS * SAMPLES_A_PERIOD)
 
-    def list_starts(self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]) -> Tries:
-        """Return values of an effect's parameters from which fits may begin, told by records; None for its own."""
+    def list_starts(
+        self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float, constants: Mapping[str, float]
+    ) -> Tries:
+        """Return where fits of an effect may begin, told by records; None for the starts of its parameters.
+
+        Of each record, inputs and output by name, (N_r,). A start holds a value of each parameter, and may hold one of
+        constants that are far from where they are without it.
+        """
         return None
 
     def offers(self, effect: Effect) -> bool:

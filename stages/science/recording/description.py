@@ -196,7 +196,7 @@ def _describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -
 
 def _describe_machine(guess: Guess, kind: str, keys: Mapping[str, Key]) -> str:
     """Return the arguments that choose a machine, with its signals as far as they are plain."""
-    needed = {key: each.count for key, each in keys.items() if not each.optional}
+    needed = {key: count for key, (count, optional, _) in keys.items() if not optional}
     rest = [each for each in guess.signals if each != guess.output]
     told = guess.output is not None and len(rest) == sum(needed.values()) - 1
     named = iter(rest if told else [])

@@ -7,7 +7,6 @@ plain. What is not plain is left to the person.
 import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import Protocol
 
 from stages.science.recording.headings import Heading, read_heading
 from stages.science.recording.units import KINDS, end_of, find_kind, own_unit, read_unit
@@ -35,6 +34,8 @@ MUSCLES = {
 }
 FIELD = re.compile(r"^\w+(?:\.\w+)*\.([A-Za-z]\w*)$")
 """A field of a struct, whose last name tells."""
+Key = tuple[int, bool, tuple[str, ...]]
+"""Of a key of a machine: how many signals it names, whether it may be null, by what quantities it is known."""
 RATIOS = re.compile(r"(^|_)(contraction|strain|stretch)$")
 """Names of ratios of lengths, which need no unit."""
 COMMANDED = re.compile(r"command|cmd|ref|set|target|desired")
@@ -74,17 +75,6 @@ class Guess:
         return [each for each in self.columns if each not in ("time_s", "record", "part")]
 
 
-class Key(Protocol):
-    """A key of a machine that names signals: how many, whether it may be null, and by what quantities it is known."""
-
-    @property
-    def count(self) -> int: ...
-    @property
-    def optional(self) -> bool: ...
-    @property
-    def quantities(self) -> tuple[str, ...]: ...
-
-
 def choose_machine(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -> tuple[str, dict[str, list[str]]] | None:
     """Return the kind of machine that most of the measured quantities belong to, with the signals of its keys.
 
@@ -94,15 +84,15 @@ def choose_machine(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -> t
     for kind, keys in machines.items():
         free = [each for each in guess.signals if not COMMANDED.search(each)]
         named: dict[str, list[str]] = {}
-        for key, needs in keys.items():
-            fitting = [each for wanted in needs.quantities for each in free if find_kind(own_unit(each)) == wanted]
-            if len(fitting) < needs.count and not needs.optional:
+        for key, (count, optional, quantities) in keys.items():
+            fitting = [each for wanted in quantities for each in free if find_kind(own_unit(each)) == wanted]
+            if len(fitting) < count and not optional:
                 break
-            named[key] = fitting[: needs.count]
+            named[key] = fitting[:count]
             free = [each for each in free if each not in named[key]]
         else:
             used = sum(map(len, named.values()))
-            found.append((-used, sum(each.optional for each in keys.values()), kind, named))
+            found.append((-used, sum(optional for _, optional, _ in keys.values()), kind, named))
     return min(found)[2:] if found else None
 
 
@@ -221,7 +211,9 @@ def _take_signals(guess: Guess, rest: Sequence[str], plain: Mapping[str, str], u
             own = next(iter(KINDS[kind]))
             stem = plain[column] or _plain(kind)
             stem = stem if stem[0].isalpha() else f"signal_{stem}"
-            name = stem if own_unit(stem) == own and (own != "ratio" or RATIOS.search(stem)) else f"{stem}_{end_of(own)}"
+            name = (
+                stem if own_unit(stem) == own and (own != "ratio" or RATIOS.search(stem)) else f"{stem}_{end_of(own)}"
+            )
         if name in guess.columns:
             continue
         guess.take(name, column, unit)

@@ -1,17 +1,17 @@
 """A cylinder: pressures in its chambers, and position, to the force of its rod, with viscous friction.
 
-The law is the balance of forces at the piston (Beater 2007); a cylinder of one acting chamber has no second pressure, and
-a spring. Seals rub more strongly under pressure: that is an effect.
+The law is the balance of forces at the piston (Beater 2007); a cylinder of one acting chamber has no second pressure,
+and a spring. Seals rub more strongly under pressure: that is an effect.
 """
 
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from stages.science.plant.machines.static_map import StaticMap
+from stages.science.plant.product_plant import ProductPlant
 
 
-class Cylinder(StaticMap):
+class Cylinder(ProductPlant):
     """Everything that simulating such a cylinder takes."""
 
     QUANTITIES: ClassVar = {

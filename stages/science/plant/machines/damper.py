@@ -1,17 +1,17 @@
 """A damper that a drive hardens, magnetorheological or with a valve: position, speed and drive to force.
 
-The nominal law is viscous, with a viscosity linear in the drive, beside the spring of an accumulator: the Bingham plastic
-(Spencer, Dyke, Sain and Carlson 1997) less its yield force, which is an effect.
+The nominal law is viscous, with a viscosity linear in the drive, beside the spring of an accumulator: the Bingham
+plastic (Spencer, Dyke, Sain and Carlson 1997) less its yield force, which is an effect.
 """
 
 from typing import ClassVar, Literal
 
 from pydantic import Field
 
-from stages.science.plant.machines.static_map import StaticMap
+from stages.science.plant.product_plant import ProductPlant
 
 
-class Damper(StaticMap):
+class Damper(ProductPlant):
     """Everything that simulating such a damper takes."""
 
     QUANTITIES: ClassVar = {

@@ -120,9 +120,11 @@ class FirstOrder(RecordPlant):
             raise ValueError(f"time_constant_s: expected low above 0 s, got {low}")
         return self
 
-    def list_starts(self, effect: Any, signals: Sequence[Mapping[str, Array]], constants: Mapping[str, float]) -> Tries:
+    def list_starts(
+        self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float, constants: Mapping[str, float]
+    ) -> Tries:
         """Return limits of the input; see `list_limits`."""
-        aims = (constants["gain"] * each[self.input] for each in signals)
+        aims = (constants["gain"] * each[self.input] for each in records)
         return list_limits(effect, "lag_drive", aims, self.know("output_scale"))
 
     @property

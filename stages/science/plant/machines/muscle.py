@@ -10,10 +10,10 @@ from typing import Any, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
-from stages.science.plant.machines.static_map import StaticMap
+from stages.science.plant.product_plant import ProductPlant
 
 
-class Muscle(StaticMap):
+class Muscle(ProductPlant):
     """Everything that simulating such a muscle takes."""
 
     QUANTITIES: ClassVar = {"pressure": ("pressure",), "length": ("ratio", "length"), "output": ("force",)}

@@ -62,10 +62,10 @@ class Oscillator(MotionPlant):
         largest, swing = max(float(np.abs(u[:, 0]).max()) for u in inputs) or 1.0, self.know("output_scale")
         middle = float(np.mean(np.concatenate([y[:, 0] for y in outputs])))
         gain = push / omega**2 if abs(push) > 0.0 else swing / max(largest, 1e-12)
-        wide = 20.0 * abs(gain)
+        usual = max(abs(gain), swing / largest)
         far = max(swing, abs(middle))
         return {
-            "static_gain": (gain, -wide, wide, abs(gain)),
+            "static_gain": (gain, -20.0 * usual, 20.0 * usual, usual),
             "natural_frequency_hz": (hertz, 0.1 * hertz, 10.0 * hertz, 0.5 * hertz),
             "damping_ratio": (ratio, 0.0005, 3.0, max(ratio, 0.1)),
             "input_offset": (0.0, -largest, largest, 0.2 * largest),

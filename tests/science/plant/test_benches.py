@@ -1,0 +1,114 @@
+"""Machines of test benches: their laws in closed form, signals by the keys that name them, friction under load."""
+
+import numpy as np
+import pytest
+
+from tests.science.plant.machines import read_machine, read_plant, simulate
+
+STEP_S = 0.01
+TIME = np.arange(1000) * STEP_S
+PATH = 0.2 + 0.1 * np.sin(1.3 * TIME)
+SPEED = 0.13 * np.cos(1.3 * TIME)
+PRESSURE, OTHER = 300.0 + 100.0 * np.sin(0.7 * TIME), 200.0 + 90.0 * np.cos(0.9 * TIME)
+NAMED = {
+    "muscle": {"pressure": "p_kpa", "length": "s_m", "output": "f_n"},
+    "cylinder": {"pressure": "p_kpa", "second_pressure": "q_kpa", "along": "s_m", "output": "f_n"},
+    "damper": {"along": "s_m", "drive": "p_kpa", "output": "f_n"},
+    "finger": {"along": "p_kpa", "against": "q_kpa", "output": "f_n"},
+}
+LAWS = {
+    "muscle": (
+        {"pull": 2.0, "pull_slope": -3.0, "pull_curvature": 1.0, "tube_stiffness": -50.0, "tube_curvature": 7.0},
+        PRESSURE * (2.0 - 3.0 * PATH + PATH**2) - 50.0 * PATH + 7.0 * PATH**2,
+    ),
+    "cylinder": (
+        {"area": 0.8, "second_area": -0.7, "damping": -40.0, "spring": 9.0},
+        0.8 * PRESSURE - 0.7 * OTHER - 40.0 * SPEED + 9.0 * PATH,
+    ),
+    "damper": (
+        {"damping": 600.0, "damping_with_drive": 2.0, "spring": 800.0},
+        (600.0 + 2.0 * PRESSURE) * SPEED + 800.0 * PATH,
+    ),
+    "finger": (
+        {"gain": 4e-3, "curvature": 1e-6, "stiffening": -2e-8, "imbalance": 1e-3},
+        4e-3 * (PRESSURE - OTHER) + 1e-6 * (PRESSURE - OTHER) ** 2 - 2e-8 * (PRESSURE - OTHER) ** 3 + 1e-3 * OTHER,
+    ),
+}
+SIGNALS = {"p_kpa": PRESSURE, "q_kpa": OTHER, "s_m": PATH, "v_m_per_s": 2.0 * SPEED}
+
+
+def settle(machine, **changes):
+    plant = read_plant(machine, **NAMED[machine], **changes)
+    return plant.resolve_from_data([SIGNALS | {"f_n": LAWS[machine][1]}], STEP_S)
+
+
+@pytest.mark.parametrize("machine", LAWS)
+def test_laws_in_closed_form(machine):
+    constants, truth = LAWS[machine]
+    found = simulate(settle(machine), SIGNALS, constants | {"offset": 5.0})
+    np.testing.assert_allclose(found, truth + 5.0, atol=1e-4 * np.ptp(truth))
+
+
+def test_a_measured_speed_is_taken_instead_of_differences():
+    plant = settle("damper", speed="v_m_per_s")
+    assert plant.inputs == ("s_m", "v_m_per_s", "p_kpa")
+    constants = LAWS["damper"][0] | {"offset": 0.0}
+    doubled = simulate(plant, SIGNALS, constants)
+    np.testing.assert_allclose(doubled, (600.0 + 2.0 * PRESSURE) * 2.0 * SPEED + 800.0 * PATH)
+
+
+def test_products_of_a_signal_that_there_is_not_are_left_out():
+    isometric = read_plant("muscle", **NAMED["muscle"] | {"length": None})
+    assert (isometric.inputs, set(isometric.nominal)) == (("p_kpa",), {"pull", "offset"})
+    open_chamber = read_plant("cylinder", **NAMED["cylinder"] | {"second_pressure": None})
+    assert open_chamber.pressing == ["p_kpa"]
+    assert "second_area" not in open_chamber.nominal
+    assert set(read_plant("finger", **NAMED["finger"] | {"against": None}).inputs) == {"p_kpa"}
+
+
+@pytest.mark.parametrize("lagged", [False, True])
+def test_friction_under_load_in_closed_form(lagged):
+    plant, tau_s = settle("cylinder"), 0.3
+    load = 0.5 * (PRESSURE + OTHER)
+    load = load / load.max()
+    if lagged:
+        late = np.full(len(load), load[0])
+        for k in range(1, len(load)):  # in a hundred steps from sample to sample
+            late[k] = late[k - 1]
+            for i in range(100):
+                straight = load[k - 1] + (i + 0.5) / 100.0 * (load[k] - load[k - 1])
+                late[k] += 0.01 * STEP_S / tau_s * (straight - late[k])
+        load = late
+    values = {"share": -0.2, "sliding": 0.1, "unloaded": 0.3} | (
+        {"paces": tau_s / plant.time_scale_s} if lagged else {}
+    )
+    effect = ("load_dependent_friction", "element_lagged" if lagged else "element", values)
+    constants = LAWS["cylinder"][0] | {"offset": 0.0}
+    with_it, without = (simulate(plant, SIGNALS, constants, each) for each in ([effect], []))
+    slides = np.tanh(SPEED * plant.time_scale_s / plant.along_scale / 0.1)
+    truth = -0.2 * (load + 0.3) * slides
+    np.testing.assert_allclose(((with_it - without) / plant.output_scale)[20:-20], truth[20:-20], atol=5e-4)
+
+
+def test_friction_under_load_needs_what_presses():
+    entry = {"name": "load_dependent_friction", "share": 0.1, "sliding": 0.1, "unloaded": 0.0}
+    with pytest.raises(ValueError, match=r"load_dependent_friction needs what presses; name it, as plant\.pressing"):
+        read_plant("static_map", effects=[entry])
+    assert read_plant("static_map", effects=[entry], pressing=["p_kpa"]).inputs == ("position_m", "p_kpa")
+
+
+def test_an_element_that_is_not_moved_is_refused():
+    plant = read_plant("muscle", **NAMED["muscle"])
+    still = SIGNALS | {"s_m": 0.3 + 1e-12 * np.sin(TIME), "f_n": PRESSURE}
+    with pytest.raises(ValueError, match=r"signal s_m: expected one along which the element is moved, got 0\.3 "):
+        plant.resolve_from_data([still], STEP_S)
+
+
+@pytest.mark.parametrize("machine", LAWS)
+def test_an_amended_bench_reads_back(machine):
+    plant = settle(machine)
+    values = {"share": 0.1, "paces": 1.5}
+    amended = plant.amend(plant.starts | LAWS[machine][0], [("creep", "element", values)])
+    again = read_machine(amended.model_dump())
+    given = simulate(again, SIGNALS, again.starts)
+    np.testing.assert_array_equal(given, simulate(plant, SIGNALS, again.starts, [("creep", "element", values)]))
