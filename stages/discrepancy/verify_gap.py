@@ -55,6 +55,7 @@ from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.plant.effect import find_effect
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import Machine
+from stages.science.recording.plausibility import suspect_muscles
 
 VERIFICATION = Table(
     "verification",
@@ -176,8 +177,11 @@ def verify_gap(
         f"The simulation tells nothing of what was measured: not fitted, it errs by {left:.2g} of its standard "
         "deviation. Before anything else, look whether columns, units and signs are right, and the plant."
     )
-    remarks = [
+    warnings = [
+        *suspect_muscles(tables.measured, tables.measured_muscles),
         *([uninformative] if left > 1.0 else []),
+    ]
+    remarks = [
         *(describe_scales(dataset.plant) if status == "named" else []),
         *describe_remainder(remainder, status, report),
         *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
@@ -192,7 +196,9 @@ def verify_gap(
     return {
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions,
-        FINDINGS.name: pd.DataFrame({"finding": describe_verdict(verdict, places, relevant, remarks, settings)}),
+        FINDINGS.name: pd.DataFrame(
+            {"finding": [*warnings, *describe_verdict(verdict, places, relevant, remarks, settings)]}
+        ),
     }
 
 

@@ -11,6 +11,7 @@ import pandera.pandas as pa
 
 from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.recording.units import known_units, own_unit
+from stages.science.signals.trajectories import Array
 
 LARGE_ENOUGH = {"pressure_command_kpa": 15.0, "pressure_kpa": 15.0, "force_n": 2.0}
 """What the largest value of a column surpasses in any session that moves a muscle, in the column's unit."""
@@ -18,6 +19,10 @@ LARGE_ENOUGH = {"pressure_command_kpa": 15.0, "pressure_kpa": 15.0, "force_n": 2
 USUAL = {"pressure_command_kpa": 200.0, "pressure_kpa": 200.0, "force_n": 300.0, "contraction": 0.1}
 """Order of a column's largest values; 1 for the others."""
 
+FEWEST, CLEAR = 100, 0.1
+"""Samples by which a muscle is judged; change of force with contraction, over its deviation, that counts."""
+MOST_PULL = 25.0
+"""Force over pressure times area: 3/tan^2 - 1/sin^2 of an angle of 17 degrees is 23."""
 FEW = 0.1
 """Share of the rows below which those out of range are faults, not another unit."""
 
@@ -37,6 +42,11 @@ def check_readings(
         least, most = (check.statistics for check in columns[name].checks)
         low, high = least["min_value"], most["max_value"]
         outside = (values < low) | (values > high)
+        if name == "force_n" and float(values.quantile(0.05)) < 2.0 * min(-float(values.quantile(0.95)), 0.0):
+            raise RecordingError(
+                f"column {name}: expected tension, which is positive, got {values.median():.4g} {own} as the middle "
+                f"value; set units.{name}=-{unit or own}"
+            )
         if outside.any():
             raise RecordingError(
                 f"column {name}: expected {low:g} to {high:g} {own}, got {values[outside].iloc[0]:g} in "
@@ -48,6 +58,53 @@ def check_readings(
                 f"column {name}: expected values in {own}, got none above {top:.3g} in {len(values)} rows; "
                 f"{_offer(values, name, low, high, unit)}, or units.{name}={own} if they are right"
             )
+
+
+def suspect_muscles(samples: pd.DataFrame, muscles: pd.DataFrame) -> list[str]:
+    """Return what in recordings of muscles contradicts how any muscle works, in sentences with what to type.
+
+    A muscle loses force as it shortens, at any pressure; and its braid multiplies pressure times area by no more than
+    `MOST_PULL` (Chou and Hannaford 1996: at rest, with an angle of 17 degrees and more). Samples and muscles are those
+    of the tables `measured` and `measured_muscles`.
+    """
+    growing, beyond = [], []
+    for muscle in muscles.to_dict("records"):
+        rows = samples[samples["muscle"] == muscle["muscle"]][["pressure_kpa", "contraction", "force_n"]].dropna()
+        if len(rows) < FEWEST:
+            continue
+        pressure, contraction, force = (rows[name].to_numpy(dtype=float) for name in rows)
+        if _slope_at_middle(pressure, contraction, force) * contraction.std() > CLEAR * force.std():
+            growing.append(muscle["muscle"])
+        area_mm2 = 0.25e6 * np.pi * muscle["nominal_diameter_m"] ** 2
+        high = pressure > 0.5 * pressure.max()
+        ratio = float(np.median(force[high] / (1e-3 * pressure[high] * area_mm2))) if high.any() else 0.0
+        if ratio > MOST_PULL:
+            beyond.append(f"{muscle['muscle']} ({ratio:.0f} times)")
+    told = []
+    if growing:
+        remedy = "units.contraction=-ratio" if len(growing) == len(muscles) else "mend the columns of these alone"
+        told.append(
+            f"The force of {', '.join(growing)} grows as contraction does, at equal pressure, which no muscle's does: "
+            f"contraction seems to have the wrong sign, or its columns are another muscle's; {remedy}."
+        )
+    if beyond:
+        told.append(
+            f"The force is more than {MOST_PULL:g} times pressure times area, which no braid brings, on "
+            f"{' and '.join(beyond)}: look whether columns of muscles are swapped, and at units.force_n and "
+            "units.pressure_kpa."
+        )
+    return told
+
+
+def _slope_at_middle(pressure: Array, contraction: Array, force: Array) -> float:
+    """Return how force changes with contraction at the mean pressure, by least squares; 0 where that is not told."""
+    p, c = pressure - pressure.mean(), contraction - contraction.mean()
+    if min(p.std(), c.std()) <= 0.0:
+        return 0.0
+    columns = np.stack([np.ones_like(p), p / p.std(), c / c.std(), p * c / (p.std() * c.std())], axis=1)
+    found, _, rank, _ = np.linalg.lstsq(columns, force, rcond=1e-6)
+    told = rank == columns.shape[1] and np.var(force - columns @ found) < 0.5 * force.var()
+    return float(found[2] / c.std()) if told else 0.0
 
 
 def _offer(values: pd.Series, name: str, low: float, high: float, unit: str | None) -> str:

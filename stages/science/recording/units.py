@@ -45,6 +45,8 @@ KINDS: dict[str, dict[str, float]] = {
 }
 """By kind of quantity: each unit as a multiple of the first. Pressures are gauge pressures in every unit."""
 
+MINUS = "-"
+"""Before a unit: of the other sign."""
 ZEROS = {"degC": 273.15, "degF": 459.67 * 5.0 / 9.0}
 """Zero point of a unit, in the first unit of its kind; 0 for units that are not listed."""
 
@@ -96,7 +98,9 @@ def known_units(name: str) -> dict[str, float]:
 
 
 def convert(values: pd.Series, name: str, unit: str) -> pd.Series:
-    """Return a column's values in its own unit, from a unit that `known_units` lists."""
+    """Return a column's values in its own unit, from a unit of `choose_unit`."""
+    if unit.startswith(MINUS):
+        return -convert(values, name, unit.removeprefix(MINUS))
     own = own_unit(name)
     if unit == own:
         return values
@@ -130,7 +134,12 @@ def find_kind(unit: str) -> str:
 
 
 def choose_unit(name: str, unit: str | None) -> str:
-    """Return the unit in which a column is recorded, its own where none is given; a `ValueError` tells another."""
+    """Return the unit in which a column is recorded, its own where none is given; a `ValueError` tells another.
+
+    A minus before the unit says that the column was recorded with the other sign.
+    """
+    if unit is not None and unit.startswith(MINUS):
+        return MINUS + choose_unit(name, unit.removeprefix(MINUS))
     known = known_units(name)
     meant = own_unit(name) if unit is None else unit if unit in known else read_unit(unit)
     if meant in known:
