@@ -13,21 +13,24 @@ from numpy.typing import NDArray
 from stages.science.signals.trajectories import Array
 
 NONE, STATIC_MAP, MEMORY = "none", "static_map", "memory"
+LIKELY = 0.05
+"""Share of a name's probability from which a form may be it."""
 
 
 @dataclass(frozen=True)
 class Verdicts:
     """Probabilities of names that sum to one, ``none`` and ``static_map`` among them, and how each would be carried.
 
-    `forms` are the most probable of each name in every output, empty where none was looked at, and `looked` all that
-    may be it: beside a static map, those that are none themselves. `carries` are the probabilities, (C,), that each
-    output is among those that carry the name; `maps` the probabilities that a channel which carries no name follows a
-    static map other than the nominal one.
+    `forms` are the most probable of each name in every output, empty where none was looked at, and `likely` all that
+    have a share of its probability; `mapped` says whether it is more probable beside a static map. `carries` are the
+    probabilities, (C,), that each output is among those that carry the name; `maps` the probabilities that a channel
+    which carries no name follows a static map other than the nominal one.
     """
 
     names: Mapping[str, float]
     forms: Mapping[str, list[str]]
-    looked: Mapping[str, Collection[str]]
+    likely: Mapping[str, Collection[str]]
+    mapped: Mapping[str, bool]
     carries: Mapping[str, Array]
     maps: Mapping[str, float]
 
@@ -51,7 +54,7 @@ def weigh_names(
     channels: Sequence[str],
     priors: Mapping[str, float],
     most_evidence: float,
-    worth: Callable[[str, list[str], Collection[str], Array], bool],
+    worth: Callable[[str, list[str], Collection[str], Array, bool], bool],
 ) -> Verdicts:
     """Return the probability of each name, by scores without and with a static map.
 
@@ -59,9 +62,9 @@ def weigh_names(
     The prior probability of a name is shared evenly by the numbers of outputs that may carry it, by the sets of that
     number, and by the forms, of which all that carry it have one; that of a static map is of each channel. Log ratios
     of two likelihoods, nats, are scaled down, in a channel all alike, to `most_evidence` at most: how wrong the law of
-    one channel is says nothing of another's. A name is `worth` it, given its form in every output, all that may be it
-    and the probability of each output, if it would close a gap that matters; else it has none, however sure its small
-    gain is.
+    one channel is says nothing of another's. A name is `worth` it if it would close a gap that matters, given its form
+    in every output, its likely forms, the probability of each output, and whether it is likelier beside a static map;
+    else it has none, however sure its small gain is.
 
     Notes
     -----
@@ -79,24 +82,24 @@ def weigh_names(
     log_map = {each: its * float(more[at == each].sum()) for each, its in power.items()}
     log_law = {each: np.logaddexp(np.log1p(-map_prior), np.log(map_prior) + value) for each, value in log_map.items()}
     log_weight, chosen, carries = {NONE: float(np.log(priors[NONE]))}, {}, {}
-    looked: dict[str, Collection[str]] = {}
+    likely: dict[str, Collection[str]] = {}
+    mapped: dict[str, bool] = {}
     for name in names:
         found = [
             _weigh_name(name, scores, power, channels, log_prior, log_map if scores is beside else {}, log_law)
             for scores, log_prior in ((alone, np.log1p(-map_prior)), (beside, np.log(map_prior)))
         ]
         weight = np.logaddexp(found[0][0], found[1][0])
-        likely, scores = max(zip(found, (alone, beside), strict=True), key=lambda both: both[0][0])
-        chosen[name], carries[name] = likely[1:]
-        looked[name] = [form for known, form in scores.forms if known == name]
-        offered = worth(name, chosen[name], looked[name], carries[name])
+        mapped[name] = found[1][0] > found[0][0]
+        _, chosen[name], likely[name], carries[name] = found[mapped[name]]
+        offered = worth(name, chosen[name], likely[name], carries[name], mapped[name])
         log_weight[name] = float(weight + np.log(priors[name])) if offered else -np.inf
     weights = np.exp(np.array(list(log_weight.values())) - max(log_weight.values()))
     shares = dict(zip(log_weight, map(float, weights / weights.sum()), strict=True))
     maps = {each: 1.0 - float(np.exp(np.log1p(-map_prior) - value)) for each, value in log_law.items()}
     lawful = float(np.prod([1.0 - each for each in maps.values()]))
     shares |= {NONE: shares[NONE] * lawful, STATIC_MAP: shares[NONE] * (1.0 - lawful)}
-    return Verdicts(shares, chosen, looked, carries, maps)
+    return Verdicts(shares, chosen, likely, mapped, carries, maps)
 
 
 def _find_largest(alone: Beside, beside: Beside, own: NDArray[np.bool_]) -> float:
@@ -119,12 +122,12 @@ def _weigh_name(
     log_prior: float,
     log_map: Mapping[str, float],
     log_law: Mapping[str, float],
-) -> tuple[float, list[str], Array]:
-    """Return the log weight of a name over that of nothing, its form in each output, and which outputs carry it.
+) -> tuple[float, list[str], set[str], Array]:
+    """Return the log weight of a name over that of nothing, its form in each output, likely ones, and what carries it.
 
     One cause has one form in all outputs that carry it.
     """
-    best = [""] * len(channels)
+    best, likely = [""] * len(channels), set()
     weights: dict[str, float] = {}
     shares: dict[str, Array] = {}
     for channel in dict.fromkeys(channels):
@@ -142,12 +145,13 @@ def _weigh_name(
             shares[channel] = np.zeros(len(channels))
             for form, (each, own, its_carries) in sorted(found.items(), key=lambda item: item[1][0]):
                 shares[channel][own] += np.exp(each - total) * its_carries
+                likely |= {form} if np.exp(each - total) > LIKELY else set()
                 for place in own:
                     best[place] = form
     if not weights:
-        return -np.inf, best, np.zeros(len(channels))
-    likely = max(weights, key=weights.__getitem__)
-    return float(np.logaddexp.reduce(list(weights.values())) - np.log(len(weights))), best, shares[likely]
+        return -np.inf, best, likely, np.zeros(len(channels))
+    most = max(weights, key=weights.__getitem__)
+    return float(np.logaddexp.reduce(list(weights.values())) - np.log(len(weights))), best, likely, shares[most]
 
 
 def _weigh_sets(gains: Array) -> tuple[float, Array]:

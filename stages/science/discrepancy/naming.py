@@ -5,6 +5,7 @@ Outputs at their present fits and what each effect promises there flow in; proba
 
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import NamedTuple
 
 import numpy as np
 
@@ -29,6 +30,14 @@ from stages.science.signals.trajectories import Array
 
 Choice = dict[tuple[str, str], Fitted]
 """By name and form: the fit of one output that carries it."""
+
+
+class Left(NamedTuple):
+    """What models leave of an output, squares of left-out trials (K,): families, and all beside a static map."""
+
+    families: Mapping[str, Array]
+    beside: Mapping[tuple[str, str], Array]
+
 
 PASSES = 2
 """Times that candidates are fitted under the noise of trials that the best of them leaves."""
@@ -101,15 +110,16 @@ def rank(
     priors = {name: each / every for name, each in halved.items()}
     priors |= {NONE: settings.none_prior, MEMORY: settings.family_prior, STATIC_MAP: settings.static_prior}
 
-    def worth(name: str, probable: list[str], looked: Collection[str], carries: Array) -> bool:
-        forms = _choose_forms(name, probable, looked, outputs, choices)
-        return name == MEMORY or bool(_carriers(outputs, choices, name, forms, carries, settings))
+    alone, beside, left = _score_all(outputs, candidates, choices, settings)
 
-    alone, beside, families = _score_all(outputs, candidates, choices, settings)
+    def worth(name: str, probable: list[str], likely: Collection[str], carries: Array, mapped: bool) -> bool:
+        forms = _choose_forms(name, probable, likely, outputs, choices)
+        return name == MEMORY or bool(_carriers(outputs, choices, left, name, forms, carries, mapped, settings))
+
     channels = [state.output.channel for state in outputs]
     verdicts = weigh_names(alone, beside, channels, priors, settings.most_evidence, worth)
     forms = {
-        name: _choose_forms(name, probable, verdicts.looked[name], outputs, choices)
+        name: _choose_forms(name, probable, verdicts.likely[name], outputs, choices)
         for name, probable in verdicts.forms.items()
     }
     verdicts = replace(verdicts, forms=forms)
@@ -119,14 +129,14 @@ def rank(
         fits = [choice.get((name, form)) for choice, form in zip(choices, verdicts.forms[name], strict=True)]
         carried = [each if share > 0.5 else None for each, share in zip(fits, verdicts.carries[name], strict=True)]
         raws[name] = [(each or state.current).raw for state, each in zip(outputs, carried, strict=True)]
-    raws |= {family: [each[family] for each in families] for family in (NONE, *verdicts.families)}
+    raws |= {family: [each.families[family] for each in left] for family in (NONE, *verdicts.families)}
     gaps, heldout = {}, {}
     for name, squares in raws.items():
         both = list(zip(outputs, squares, strict=True))
         gaps[name] = float(np.sqrt(np.mean([state.ratio(raw) ** 2 for state, raw in both])))
         squared = [raw.sum() / state.samples.sum() / state.output.range**2 for state, raw in both]
         heldout[name] = float(np.sqrt(np.mean(squared)))
-    named = _decide(outputs, choices, verdicts, gaps, settings)
+    named = _decide(outputs, choices, left, verdicts, gaps, settings)
     spoken = (named.name, *named.alternatives) if named else ()
     sites: dict[str, str] = {}
     confounded: dict[str, float] = {}
@@ -142,18 +152,18 @@ def rank(
 def _choose_forms(
     name: str,
     probable: Sequence[str],
-    looked: Collection[str],
+    likely: Collection[str],
     outputs: Sequence[FittedChannel],
     choices: Sequence[Choice],
 ) -> list[str]:
-    """Return the form of a name with the smallest gap in its channel, of those looked at and fitted.
+    """Return the form of a name with the smallest gap in its channel, of those that are likely and fitted.
 
     Else it is the most probable.
     """
     squares: dict[str, dict[str, float]] = {state.output.channel: {} for state in outputs}
     for channel, own in squares.items():
         its = [(state, fits) for state, fits in zip(outputs, choices, strict=True) if state.output.channel == channel]
-        for form in dict.fromkeys(form for _, fits in its for known, form in fits if known == name and form in looked):
+        for form in dict.fromkeys(form for _, fits in its for known, form in fits if known == name and form in likely):
             own[form] = sum(state.ratio(fits.get((name, form), state.current).raw) ** 2 for state, fits in its)
     channels = [squares[state.output.channel] for state in outputs]
     return [min(own, key=own.__getitem__, default=form) for own, form in zip(channels, probable, strict=True)]
@@ -187,8 +197,8 @@ def _score_all(
     candidates: Sequence[Sequence[Screened]],
     choices: Sequence[Choice],
     settings: SearchSettings,
-) -> tuple[Beside, Beside, list[dict[str, Array]]]:
-    """Return the scores of all models, a memory among them, without and with a static map, and what families leave.
+) -> tuple[Beside, Beside, list[Left]]:
+    """Return the scores of all models, a memory among them, without and with a static map, and what each leaves.
 
     A form that starts as a static map is not looked at beside one, and one that is fitted as such says nothing there.
     """
@@ -246,12 +256,13 @@ def _fit_corrected(
 
 def _score_output(
     state: FittedChannel, choice: Choice, gap: bool, settings: SearchSettings
-) -> tuple[list[dict[tuple[str, str], float]], dict[str, Array]]:
-    """Return the scores of an output's models, under one noise if trials jitter, and what families leave."""
+) -> tuple[list[dict[tuple[str, str], float]], Left]:
+    """Return the scores of an output's models, under one noise if trials jitter, and what each leaves."""
     output, largest = state.output, settings.largest_jitter
     first: Choice = {(NONE, ""): state.current, **choice}
     if not choice and not gap:
-        return [dict.fromkeys(first, 0.0)] * 2, dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
+        families = dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
+        return [dict.fromkeys(first, 0.0)] * 2, Left(families, {(NONE, ""): state.current.raw})
 
     def find_best(fits: Iterable[Fitted]) -> Array:
         residuals = [each.residual for each in fits]
@@ -264,7 +275,7 @@ def _score_output(
     for _ in range(PASSES if output.jitters else 0):
         alone = {key: refit(each, common) for key, each in first.items()}
         common = estimate_trial_noise(find_best(alone.values()), output, largest)
-    beside, left = dict(alone), dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
+    beside, families = dict(alone), dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
     if gap:
         beside = {key: refit(each, judge_by(each), state.map_beside(each)) for key, each in alone.items()}
         nothing = alone[NONE, ""]
@@ -276,10 +287,11 @@ def _score_output(
             again = refit(nothing, common, join(beside[NONE, ""].blocks, state.memory))
             remembering = max(again, remembering, key=lambda each: scores.score(each.residual))
         beside[MEMORY, ""] = remembering
-        left |= {STATIC_MAP: beside[NONE, ""].raw, MEMORY: alone[MEMORY, ""].raw}
+        families |= {STATIC_MAP: beside[NONE, ""].raw, MEMORY: alone[MEMORY, ""].raw}
     scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
     telling = {key: each for key, each in beside.items() if key not in choice or not _is_patch(each, settings)}
-    return [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, telling)], left
+    told = [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, telling)]
+    return told, Left(families, {key: each.raw for key, each in beside.items()})
 
 
 def _is_static(state: FittedChannel, form: EffectForm, settings: SearchSettings) -> bool:
@@ -366,13 +378,14 @@ def _extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
 def _decide(
     outputs: Sequence[FittedChannel],
     choices: Sequence[Choice],
+    left: Sequence[Left],
     verdicts: Verdicts,
     gaps: Mapping[str, float],
     settings: SearchSettings,
 ) -> Named | None:
     """Return the effect to add, if one is more probable than nothing and than any family, and closes what matters."""
     carried = {
-        name: _carriers(outputs, choices, name, forms, verdicts.carries[name], settings)
+        name: _carriers(outputs, choices, left, name, forms, verdicts.carries[name], verdicts.mapped[name], settings)
         for name, forms in verdicts.forms.items()
         if name not in verdicts.families
     }
@@ -407,13 +420,13 @@ def _is_stuck(fitted: Fitted) -> bool:
     return False
 
 
-def is_worth(state: FittedChannel, without: Fitted, fitted: Fitted, settings: SearchSettings) -> bool:
-    """Return whether an effect takes enough of an output's gap, by fits without and with it.
+def is_worth(state: FittedChannel, without: Array, having: Array, settings: SearchSettings) -> bool:
+    """Return whether an effect takes enough of an output's gap, by squares (K,) that fits without and with it leave.
 
     Enough is a share of the first gap above the floor or, where that is more than one floor and than a share of what is
     left, the larger of these: the first gap may be one beside which all is small.
     """
-    before, after, first = (state.ratio(each.raw, fitted.raw) for each in (without, fitted, state.nominal))
+    before, after, first = (state.ratio(each, having) for each in (without, having, state.nominal.raw))
     needed = min(settings.least_share * (first - 1.0), max(1.0, settings.least_rest * before))
     return before - after > max(settings.unexplained_share * (settings.smallest_gap - 1.0), needed)
 
@@ -421,19 +434,27 @@ def is_worth(state: FittedChannel, without: Fitted, fitted: Fitted, settings: Se
 def _carriers(
     outputs: Sequence[FittedChannel],
     choices: Sequence[Choice],
+    left: Sequence[Left],
     name: str,
     forms: Sequence[str],
     carries: Array,
+    mapped: bool,
     settings: SearchSettings,
 ) -> list[int]:
-    """Return the outputs that carry a name: probable, and with a gain that is worth it; none if all are too small."""
+    """Return the outputs that carry a name: probable, and with a gain that is worth it; none if all are too small.
+
+    A name that is likelier beside a static map has to gain beside it.
+    """
     gains = {}
     for place, state in enumerate(outputs):
         fitted = choices[place].get((name, forms[place]))
         if fitted is None or carries[place] <= 0.5:
             continue
-        before = state.ratio(state.current.raw, fitted.raw)
-        if is_worth(state, state.current, fitted, settings):
+        without, having = state.current.raw, fitted.raw
+        if mapped and (name, forms[place]) in left[place].beside:
+            without, having = (left[place].beside[key] for key in ((NONE, ""), (name, forms[place])))
+        before = state.ratio(without, having)
+        if is_worth(state, without, having, settings):
             gains[place] = before
         elif _is_shown(state, fitted):
             gains[place] = max(before, np.nextafter(settings.smallest_gap, np.inf))

@@ -139,7 +139,7 @@ def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
             without = drop_effects(state.current, [named.name], state.noise)
             keep.append((place, without))
             own = [form for form in state.current.forms if form.name == named.name]
-            worth |= any(map(state.output.shows, own)) or is_worth(state, without, state.current, settings)
+            worth |= any(map(state.output.shows, own)) or is_worth(state, without.raw, state.current.raw, settings)
         if not worth:
             for place, without in keep:
                 found.outputs[place] = replace(found.outputs[place], current=without)
