@@ -60,10 +60,12 @@ _SPELLINGS = {
     "in": "inch",
     "deg": "degree degrees °",
     "deg/s": "°/s",
-    "degC": "°C",
+    "degC": "°C degc DegC celsius",
     "degF": "°F",
     "rpm": "rev/min 1/min",
     "V": "volt volts",
+    "A": "amp amps ampere",
+    "N": "newton newtons",
 }
 OTHER_SPELLINGS = {spelled: unit for unit, told in _SPELLINGS.items() for spelled in told.split()}
 
@@ -113,7 +115,10 @@ def read_unit(text: str) -> str | None:
     """Return the unit that a text spells, in any usual spelling; None where it is no unit."""
     spelled = re.sub(r"\s+", " ", text.strip().replace("µ", "u").replace("μ", "u").replace("·", " ").replace("*", " "))
     spelled = spelled.replace("^", "").replace("²", "2").replace("³", "3")
-    spelled = OTHER_SPELLINGS.get(spelled, OTHER_SPELLINGS.get(spelled.replace(" ", ""), spelled))
+    bare = spelled.replace(" ", "")
+    spelled = next(
+        (OTHER_SPELLINGS[each] for each in (spelled, bare, bare.lower()) if each in OTHER_SPELLINGS), spelled
+    )
     known = [unit for units in KINDS.values() for unit in units]
     products = {unit.replace(" ", ""): unit for unit in known if " " in unit}
     spelled = products.get(spelled.replace(" ", ""), spelled)

@@ -26,18 +26,27 @@ SAID = {"\t": "tabs", ";": "semicolons", ",": "commas", "|": "bars", "": "blanks
 COMMENT = re.compile(r"\s*(#|%|//|;|!|')+")
 PACKED: Mapping[str, Callable[[bytes], bytes]] = {".gz": gzip.decompress, ".bz2": bz2.decompress}
 NOTHING = frozenset(["", "nan", "na", "n/a", "#n/a", "#n/v", "null", "none", "nil", "-", "--", "---", "----", "*", "?"])
-NOTHING |= {"#div/0!", "#value!", "#num!", "1.#qnan", "-1.#ind"}
+NOTHING |= {"#div/0!", "#value!", "#num!", "#ref!", "#nv", "#wert!", "#zahl!", "#bezug!", "#valeur!", "#nombre!"}
+NOTHING |= {"1.#qnan", "-1.#ind", "1.#ind", "-nan", "-nan(ind)", "nan(ind)"}
 """Words for a missing value, in small letters."""
 LOOKED = 400
 """Lines from which separators are told: so many from the middle, where hardly any head a table."""
 CLEAR = 1.5
 """How many times as many values blanks must part as any other separator."""
+WHOLE = 0.95
+"""Share of fields that are values from which a separator parts all there is."""
 LACKING = 0.1
 """Share of rows up to which those that lack their last values are left out."""
+RAGGED, ENDS = 0.25, 3
+"""Whole rows over shorter ones below which, if those are of more widths than so many, they are no table."""
 LISTED, SHOWN = 5, 60
 """Lines that a remark lists, and characters that it shows of one."""
 HEADS = 3
 """Rows above the values that may head the columns: names, units, and what was done to them."""
+REMARKED = "comment"
+"""Last name of a table whose rows end before it where there is nothing to remark."""
+APART = "'\u2019 \u00a0\u2009\u202f"
+"""What sets thousands apart, beside the decimal sign of others."""
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
 MOMENT = re.compile(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d{1,2}:\d{2}")
 FACT = re.compile(rf"[^A-Za-z]*([A-Za-z][^:=\t;,]*?)\"?\s*[:=\t;,]+\s*\"?({NUMBER}|[-+]?\d+,\d+)\s*([^\d\s\";,]*)\W*")
@@ -133,7 +142,7 @@ def _decode(path: Path) -> tuple[str, str]:
                 raise
     if "\0" in text.rstrip("\0"):
         raise ValueError("it holds no text")
-    return text.rstrip("\0"), encoding
+    return re.sub("[\u2212\u2013](?=[\\d.,])", "-", text.rstrip("\0")), encoding
 
 
 def _split(line: str, separator: str) -> list[str]:
@@ -151,11 +160,11 @@ def _is_number(field: str, decimal: str) -> bool:
 def _to_number(field: str, decimal: str, thousands: bool = False) -> float | None:
     """Return the number that a field spells, maybe with a D before its exponent, or with thousands set apart."""
     told = field.lstrip("+").replace("D", "e").replace("d", "e") if field[:1] in "+-.0123456789" else field
-    other = "," if decimal == "." else "."
-    if other in told:
-        if not thousands or not re.fullmatch(rf"-?\d{{1,3}}(\{other}\d{{3}})+(\{decimal}\d+)?", told):
+    apart = ("," if decimal == "." else ".") + APART
+    if any(each in told for each in apart):
+        if not thousands or not re.fullmatch(rf"-?\d{{1,3}}([{apart}])\d{{3}}(\1\d{{3}})*(\{decimal}\d+)?", told):
             return None
-        told = told.replace(other, "")
+        told = re.sub(f"[{apart}]", "", told)
     if decimal == ",":
         told = told.replace(",", ".")
     if not re.fullmatch(rf"{NUMBER}|[-+]?inf(inity)?", told, re.IGNORECASE):
@@ -171,6 +180,7 @@ def _choose(lines: Sequence[str]) -> tuple[str, str, int]:
     middle = max((len(told) - LOOKED) // 2, 0)
     looked = told[middle : middle + LOOKED]
     found: dict[tuple[str, str], tuple[float, int]] = {}
+    whole: set[tuple[str, str]] = set()
     for separator in SEPARATORS:
         rows = [_split(line, separator) for line in looked]
         for decimal in (".", ","):
@@ -182,9 +192,13 @@ def _choose(lines: Sequence[str]) -> tuple[str, str, int]:
             alike = [row for row in rows if len(row) == width]
             filled = sum(each.lower() not in NOTHING for row in alike for each in row)
             found[separator, decimal] = parted[width] ** 2 / max(filled, 1) * len(alike) / len(rows), width
+            if width > 1 and parted[width] >= WHOLE * filled and len(alike) >= WHOLE * len(rows):
+                whole.add((separator, decimal))
     by_blanks = max((("", decimal) for decimal in (".", ",")), key=lambda each: found[each][0])
     others = [each for each in found if each[0]]
     best = max(others, key=lambda each: found[each][0])
+    if best in whole:  # blanks set thousands apart
+        return *best, found[best][1]
     if found[by_blanks][0] > CLEAR * found[best][0] or (found[best][1] == 1 and found[by_blanks][1] > 1):
         best = by_blanks
     elif found[best][1] == 1:
@@ -193,12 +207,14 @@ def _choose(lines: Sequence[str]) -> tuple[str, str, int]:
 
 
 def _is_value(field: str, decimal: str) -> bool:
-    return _is_number(field, decimal) or bool(MOMENT.match(field)) or _split_unit(field, decimal) is not None
+    if _is_number(field, decimal) or MOMENT.match(field) or _split_unit(field, decimal) is not None:
+        return True
+    return decimal in field and _to_number(field, decimal, thousands=True) is not None
 
 
 def _split_unit(field: str, decimal: str) -> tuple[float, str] | None:
     """Return the number and the unit of a field such as ``3.2 bar``."""
-    found = re.fullmatch(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*([^\d\s.,+-]\S*)", field)
+    found = re.fullmatch(r"([-+]?[\d.,]+(?:[eE][-+]?\d+)?)\s*((?:1/)?[^\d\s.,+-]\S*)", field)
     if not found or (unit := read_unit(found.group(2))) is None:
         return None
     number = _to_number(found.group(1), decimal)
@@ -218,6 +234,8 @@ def _split_all(lines: Sequence[str], separator: str, width: int) -> tuple[NDArra
         counts = np.array([len(row) for row in rows])
     fits = counts == width
     short = (counts < width) & (counts > 1)
+    if fits.sum() < RAGGED * short.sum() and len(set(counts[short])) > ENDS:
+        raise ValueError(f"expected rows of one width, got rows of {counts[short].min()} to {width} fields")
     if LACKING * fits.sum() < short.sum() and separator:
         fits |= short
     places = np.flatnonzero(fits)
@@ -283,7 +301,9 @@ def _find_heads(
     for line in reversed(lines):
         bare = line[found.end() :] if (found := COMMENT.match(line)) else line
         row = _split_head(bare, separator, width, ended)
-        if row is not None and any(row) and not any(_is_number(each, decimal) for each in row):
+        above_units = len(heads) == 1 and _count_units(heads[0]) == 1.0  # where channels may be but numbered
+        names = row[:1] if row and above_units else row
+        if row and names and any(row) and not any(_is_number(each, decimal) for each in names):
             heads.append(row)
         elif bare.strip() and not found:
             if not heads:
@@ -307,6 +327,8 @@ def _split_head(line: str, separator: str, width: int, ended: bool) -> list[str]
         row = re.split(r"\s{2,}|\t", line.strip())
     if ended and len(row) == width - 1:
         row = [*row, ""]
+    if len(row) == width + 1 and row[-1].lower() == REMARKED:
+        del row[-1]
     return row if len(row) == width else None
 
 
