@@ -127,8 +127,13 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     least = settings.report.nearest_gap * alone
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
-    name = _spell(nearest["name"]) if nearest else ""
-    near = f" {name[0].upper()}{name[1:]} would be one, but is not enough." if nearest else ""
+    near = ""
+    if nearest:
+        near = (
+            f" Of the names, {_spell(nearest['name'])} comes nearest (probability {_sure(nearest['probability'])}): with "
+            f"it the gap of trials left out of the fit goes from {_percent(alone)} to {_percent(nearest['heldout_gap'])} "
+            "of range."
+        )
     line_hz, mapped = left["line_hz"], left["family"] == STATIC_MAP
     family = FAMILIES.get(left["family"], "a flexible model")
     hum = f"an oscillation at {line_hz or 0.0:.3g} Hz runs through all trials, which the simulation lacks"
