@@ -43,8 +43,9 @@ from stages.science.recording.files.readers import (
     read_header,
     read_samples,
 )
+from stages.science.recording.headings import read_heading
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
-from stages.science.recording.plausibility import check_readings
+from stages.science.recording.plausibility import check_readings, check_signals
 from stages.science.recording.uneven import even_out
 
 SAMPLES, META = "samples.parquet", "meta.json"
@@ -422,6 +423,14 @@ def note_reading(file: Path, cfg: Config, known: pd.DataFrame) -> Notes:
     return notes + [(file.name, each) for each in [*header.dropped, *(header.remarks if is_bag(file) else [])]]
 
 
+def list_stated(file: Path, cfg: Config, signals: Sequence[str]) -> dict[str, str | None]:
+    """Return by signal the unit that the configuration or a heading of the file states."""
+    told = read_header(file).units
+    sources = {name: cfg.columns.get(name) or name for name in signals}
+    headed = {name: read_heading(source, told.get(source, "")).unit for name, source in sources.items()}
+    return {name: cfg.units.get(name) or headed[name] for name in signals}
+
+
 def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
     """Return the tables of records of any signals."""
     file = find_samples(path)
@@ -434,6 +443,7 @@ def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
         notes += note_missing(frame, signals)
         frame = even_out(frame, signals, given.largest_jitter, notes)
         check_rows(frame, RECORD_KEY)
+        check_signals(frame, signals, list_stated(file, cfg, signals))
         frame, rate = arrange_records(frame, signals, given.blocks, given.rate_hz, given.largest_jitter, notes)
     trials = list_blocks(frame, rate)
     row = (file.name, "records", rate, "unknown", "", len(trials), 0)

@@ -130,9 +130,9 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     near = ""
     if nearest:
         near = (
-            f" Of the names, {_spell(nearest['name'])} comes nearest (probability {_sure(nearest['probability'])}): with "
-            f"it the gap of trials left out of the fit goes from {_percent(alone)} to {_percent(nearest['heldout_gap'])} "
-            "of range."
+            f" Of the names, {_spell(nearest['name'])} comes nearest (probability {_sure(nearest['probability'])}): "
+            f"with it the gap of trials left out of the fit goes from {_percent(alone)} to "
+            f"{_percent(nearest['heldout_gap'])} of range."
         )
     line_hz, mapped = left["line_hz"], left["family"] == STATIC_MAP
     family = FAMILIES.get(left["family"], "a flexible model")

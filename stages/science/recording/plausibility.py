@@ -19,6 +19,8 @@ LARGE_ENOUGH = {"pressure_command_kpa": 15.0, "pressure_kpa": 15.0, "force_n": 2
 USUAL = {"pressure_command_kpa": 200.0, "pressure_kpa": 200.0, "force_n": 300.0, "contraction": 0.1}
 """Order of a column's largest values; 1 for the others."""
 
+UNSTATED = {"kPa": (10.0, 1e5, "bar"), "m": (1e-6, 30.0, "mm"), "rad": (1e-6, 60.0, "deg")}
+"""By unit: between which values the largest of a signal lies if nothing states its unit, and the likely unit else."""
 FEWEST, CLEAR = 100, 0.1
 """Samples by which a muscle is judged; change of force with contraction, over its deviation, that counts."""
 MOST_PULL = 25.0
@@ -57,6 +59,26 @@ def check_readings(
             raise RecordingError(
                 f"column {name}: expected values in {own}, got none above {top:.3g} in {len(values)} rows; "
                 f"{_offer(values, name, low, high, unit)}, or units.{name}={own} if they are right"
+            )
+
+
+def check_signals(samples: pd.DataFrame, names: Iterable[str], stated: Mapping[str, str | None]) -> None:
+    """Check signals of any machine whose unit nothing states, against what machines on benches show.
+
+    Samples are in this project's units; `stated` are the units that a person or a heading gives, by name. A
+    `RecordingError` names the unit that would fit.
+    """
+    for name in names:
+        own = own_unit(name)
+        usual = UNSTATED.get(own)
+        if usual is None or stated.get(name) is not None:
+            continue
+        low, high, other = usual
+        top = float(samples[name].abs().max())
+        if 0.0 < top < low or top > high:
+            raise RecordingError(
+                f"column {name}: expected its largest value between {low:g} and {high:g} {own}, got {top:.3g}, and no "
+                f"unit is stated; set +units.{name}={other}, or +units.{name}={own} if it is right"
             )
 
 

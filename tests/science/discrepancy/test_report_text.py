@@ -60,7 +60,7 @@ CLOSED = "hysteresis on pam1 and pam3 (probability 0.93; next is coulomb frictio
 STAYS = "Trials not fitted do not show it: with it the gap there goes from 3.4 % to 3.3 % of range (p = 0.43)"
 SO_MUCH = "So much remains: a flexible model would still take away 40 % of what was above the noise"
 LEFT = "a flexible model takes away 40 % of what is above the noise"
-NEAREST = "Of the names, hysteresis comes nearest (probability 0.93): with it the gap of trials left out of the fit goes"
+NEAREST = "hysteresis comes nearest (probability 0.93): with it the gap of trials left out of the fit goes from 8.1 %"
 BLIND = "cannot be told: the gap is 1.02 times the noise floor, but so much counts as noise"
 SUSPECTED = "Suspected, and not added to the plant: leakage on pam2 (probability 0.40; p = 0.03 that"
 IMITATION = "8.0 % of the gap above the noise) is more than forms of one effect"

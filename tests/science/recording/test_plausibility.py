@@ -6,7 +6,7 @@ import pytest
 
 from stages.discrepancy.measurement import MEASURED
 from stages.science.recording.columns import RecordingError
-from stages.science.recording.plausibility import check_readings, suspect_muscles
+from stages.science.recording.plausibility import check_readings, check_signals, suspect_muscles
 from stages.science.recording.units import choose_unit, convert
 
 DIAMETERS_M = {"big": 0.04, "small": 0.01}
@@ -42,6 +42,23 @@ def test_a_contraction_of_the_wrong_sign_and_swapped_muscles_are_told_with_what_
     assert told.endswith("units.contraction=-ratio.")
     (told,) = suspect_muscles(pull(generator, swapped=True), MUSCLES)
     assert "which no braid brings, on small (" in told
+
+
+@pytest.mark.parametrize(
+    ("name", "largest", "offered"), [("p_kpa", 6.1, "bar"), ("x_m", 250.0, "mm"), ("q_rad", 90.0, "deg")]
+)
+def test_a_signal_whose_unit_nothing_states_is_refused_with_both_units_where_its_values_are_unlikely(
+    name, largest, offered
+):
+    samples = pd.DataFrame({name: np.linspace(0.0, largest, 50)})
+    own = {"p_kpa": "kPa", "x_m": "m", "q_rad": "rad"}[name]
+    told = (
+        rf"column {name}: .* got {largest:.3g}.*; set \+units.{name}={offered}, or \+units.{name}={own} if it is right$"
+    )
+    with pytest.raises(RecordingError, match=told):
+        check_signals(samples, [name], {})
+    check_signals(samples, [name], {name: own})
+    check_signals(samples.assign(**{name: np.linspace(0.0, 20.0, 50)}), [name], {})
 
 
 @pytest.mark.parametrize(("unit", "offered"), [(None, "-N"), ("kN", "-kN")])
