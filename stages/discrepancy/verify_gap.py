@@ -57,11 +57,13 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import Machine
 from stages.science.recording.plausibility import suspect_muscles
 
+MOST_RECORDS = 12
+"""Records of test trials that are evaluated one by one too."""
 VERIFICATION = Table(
     "verification",
     "The gap on trials that were not fitted",
     {
-        "part": column(str, "verification, or a recorded part that is only reported"),
+        "part": column(str, "verification, one record of it, or a recorded part that is only reported"),
         "simulation": column(str, "from what it is simulated", among=["measured upstream", "free run"]),
         "step": column(int, "effects added", low=0),
         "label": column(str, "what was added, or the noise floor"),
@@ -203,9 +205,18 @@ def verify_gap(
 
 
 def list_reported(tables: DatasetTables, judged: Sequence[Verified]) -> dict[str, list[int]]:
-    """Return the positions of trials that are evaluated together: test trials, and each part that is only reported."""
+    """Return the positions of trials that are evaluated together.
+
+    They are the test trials, those of each record where they are blocks of a few records, whose levels may differ, and
+    each part that is only reported.
+    """
     purposes, seen = tables.trial_parts["part"].to_numpy(), sum(each.output.present.sum(axis=0) for each in judged)
     reported = {TEST: np.flatnonzero(purposes == TEST).tolist()}
+    records = tables.measured_trials["record"].where(
+        (purposes == TEST) & (seen > 0) & tables.measured_trials["record"].ne("")
+    )
+    if 1 < records.nunique() <= MOST_RECORDS:
+        reported |= {f"{TEST} {name}": list(rows) for name, rows in records.groupby(records).indices.items()}
     aside = tables.measured_trials["part"].where((purposes == "other") & (seen > 0))
     return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}
 
