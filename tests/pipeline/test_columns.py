@@ -119,10 +119,22 @@ def test_the_machines_that_it_may_be_are_told_with_their_signals(look):
     at = lines.index("  which machine it is: plant=second_order is put here; in place of it and its signals may stand")
     input_of = {"cascaded_tanks": "plant.input=drive_v", "first_order": "plant.input=drive_v"}
     input_of |= {"pam_joint": "'plant.pressures=[NAME,NAME]'", "servo_drive": "plant.force=drive_v"}
-    input_of |= {"static_map": "plant.along=drive_v", "finger": "plant.along=drive_v"}
+    input_of |= {"static_map": "plant.along=drive_v"}
     expected = {f"    plant={name} {told} plant.output=way_m" for name, told in input_of.items()}
     assert expected <= set(lines[at + 1 :])
+    assert "    plant=finger plant.along=drive_v plant.output=way_m [plant.against=NAME]" in lines
     assert arguments(lines)[-4:-1] == ["plant=second_order", "plant.input=drive_v", "plant.output=way_m"]
+
+
+def test_what_was_set_for_each_record_labels_it_although_it_has_a_unit(look):
+    time, drive, answer = make_run(300)
+    loads = (0.5, 1.0, 2.5)
+    runs = [pd.DataFrame({"t": time, "p_bar": 2.0 + drive, "x_mm": answer, "Load (kg)": load}) for load in loads]
+    lines = look(pd.concat(runs))
+    assert "records: 0.5 (300 rows), 1.0 (300 rows), 2.5 (300 rows)" in lines
+    told = arguments(lines)
+    assert 'columns.record="Load (kg)"' in told
+    assert [each for each in told if "load" in each.lower()] == ['columns.record="Load (kg)"']
 
 
 @pytest.mark.parametrize(
@@ -139,6 +151,8 @@ def test_the_machines_that_it_may_be_are_told_with_their_signals(look):
             "current_a x_mm v[mm/s] F_N",
             "damper plant.along=x_m plant.speed=v_m_per_s plant.drive=current_a plant.output=f_n",
         ),
+        ("pump_v level_cm", "first_order plant.input=pump_v plant.output=level_m"),
+        ("theta_deg", "second_order plant.input=nothing plant.output=theta_rad"),
         ("p_kpa bend_deg", "finger plant.along=p_kpa plant.output=bend_rad"),
         ("p1_kpa p2_kpa q_deg", "pam_joint plant.pressures=[p1_kpa,p2_kpa] plant.output=q_rad"),
     ],

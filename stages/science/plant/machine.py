@@ -41,7 +41,7 @@ def list_signals() -> dict[str, dict[str, SignalKey]]:
                 count = next((limit.min_length for limit in each.metadata if isinstance(limit, MinLen)), 1)
                 keys[key] = SignalKey(count, False, known)
             elif each.annotation is str or (known and each.annotation == str | None):
-                keys[key] = SignalKey(1, each.annotation is not str, known)
+                keys[key] = SignalKey(1, each.annotation is not str and key not in plant.TELLING, known)
         found[kind] = {key: keys[key] for key in sorted(keys, key=lambda each: each == "output")}
     return found
 

@@ -45,8 +45,9 @@ HEAD = 50
 """Samples by which the state is estimated in which a record begins, at most."""
 FEWEST = 5
 """Of these, those through which a parabola is drawn at least."""
-BENT, TESTED = 2.0, 10
-"""F of two further powers above which samples lie on no parabola, and samples from which that is tested."""
+BENT, TESTED, SHORTER = 2.0, 10, 0.7
+"""F of two further powers above which samples lie on no parabola, samples from which that is tested, and share of those
+that pass through which it is drawn."""
 AT_REST = 3.0
 """Standard errors of a rate within which a record begins at rest."""
 
@@ -80,12 +81,18 @@ def _read_one(head: Array, step_s: float, at_s: float) -> tuple[float, float, fl
         return float(head.mean()), float(np.ptp(head)), 0.0, float(np.ptp(head)) / step_s, float(np.ptp(head))
     size = float(np.abs(head).max())
     noise = float(np.median(np.abs(np.diff(head, 3)))) / (0.6745 * np.sqrt(20.0)) + 1e-9 * size + 1e-300
+    columns = np.vander(np.arange(len(head)) * step_s - at_s, 3, increasing=True)
+
+    def draw(count: int) -> tuple[Array, float]:
+        found = np.linalg.lstsq(columns[:count], head[:count], rcond=None)[0]
+        return found, float(((head[:count] - columns[:count] @ found) ** 2).sum())
+
     for count in range(len(head), FEWEST - 1, -1):
-        columns = np.vander(np.arange(count) * step_s - at_s, 3, increasing=True)
-        found = np.linalg.lstsq(columns, head[:count], rcond=None)[0]
-        squares = float(((head[:count] - columns @ found) ** 2).sum())
+        squares = draw(count)[1]
         if np.sqrt(squares / (count - 2)) < 1.5 * noise and not _is_bent(head[:count], squares):
             break
+    count = max(int(SHORTER * count), FEWEST)  # a bend that is not yet seen is less of an error there
+    found, columns = draw(count)[0], columns[:count]
     factor = np.linalg.qr(columns, mode="r")
     error = noise * np.sqrt((np.linalg.solve(factor, np.eye(3)) ** 2).sum(axis=1))
     rate = 0.0 if abs(found[1]) < AT_REST * error[1] else float(found[1])
@@ -123,6 +130,8 @@ class RecordPlant(Declared):
     """Whether it moves by itself, so that a record tells something although no input changes."""
     QUANTITIES: ClassVar[Mapping[str, tuple[str, ...]]] = {}
     """By key that names signals: kinds of quantities (`units.KINDS`) by which records of such a machine are known."""
+    TELLING: ClassVar[tuple[str, ...]] = ()
+    """Those of these keys that may be null, but without which such a machine is not known."""
     WATCHED: ClassVar[tuple[str, str]] = ("state", "rate of state")
     """What `watch` calls the output and its rate."""
 

@@ -24,6 +24,8 @@ from stages.science.signals.trajectories import Array
 TABLE = ("column", "values", "from", "to", "missing", "unit", "taken for")
 SIMPLEST = "second_order"
 """Plant that is put into the command, for want of a hint in the file."""
+FREE = "nothing"
+"""Input of a machine that moves by itself, where a file has one signal alone."""
 FEW = 12
 """Records or parts that are told one by one."""
 OF_ONE = re.compile(r"^(.+)\[[A-Za-z_]\w*\]$")
@@ -95,6 +97,11 @@ def _separate_records(guess: Guess, columns: Mapping[str, pd.Series]) -> None:
     """Take for the record what labels records by its values; a column of that name which does not is none."""
     named, part, time = (guess.columns.get(each) for each in ("record", "part", TIME))
     labels = [each for each in list_labels(columns, time) if each == named or each not in guess.columns.values()]
+    if named is None and not labels:  # a load or a gain that was set for each
+        labels = [each for each in list_labels(columns, time) if each not in (part, time)]
+        for signal in [name for name in guess.signals if guess.columns[name] in labels[:1]]:
+            del guess.columns[signal]
+            guess.units.pop(signal, None)
     if named is not None and named not in labels and (labels or not stays(columns[named])):
         del guess.columns["record"]
         guess.left += [named] if _is_number(columns[named]) else []
@@ -143,6 +150,8 @@ def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
         arguments += [f"parts.fitted=[{quote(parts[0])}]", f"parts.verification=[{quote(parts[1])}]"]
     if not guess.muscles:
         roles = {role: [name] for role, name in (("input", guess.input), ("output", guess.output)) if name}
+        if len(guess.signals) == 1 and not guess.left:
+            roles = {"input": [FREE], "output": guess.signals}
         kind, named = guess.machine or (SIMPLEST, roles)
         arguments += [f"plant={kind}", *(_name_signals(key, names) for key, names in named.items() if names)]
     return arguments
@@ -182,7 +191,7 @@ def _describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -
     for name in guess.assumed:
         lines.append(f"the unit of {guess.columns[name]}: {own_unit(name)} is assumed; end {name} in the right one")
     for does, key, signal in (("drives the machine", "input", guess.input), ("answers", "output", guess.output)):
-        if signal is None and guess.signals and guess.machine is None:
+        if signal is None and (len(guess.signals) > 1 or (guess.signals and guess.left)) and guess.machine is None:
             lines.append(f"which signal {does}: plant.{key}=NAME, of {', '.join(guess.signals)}")
     chosen = guess.machine[0] if guess.machine else SIMPLEST
     others = [_describe_machine(guess, kind, keys) for kind, keys in machines.items() if kind != chosen]
@@ -207,7 +216,8 @@ def _describe_machine(guess: Guess, kind: str, keys: Mapping[str, Key]) -> str:
         signals = [guess.output or "NAME"] if key == "output" else [next(named, "NAME") for _ in range(count)]
         argument = _name_signals(key, signals)
         arguments.append(argument if count == 1 else f"'{argument}'")
-    return " ".join(arguments)
+    more = [f"plant.{key}=NAME" for key, (_, optional, _) in keys.items() if optional]
+    return " ".join(arguments) + (f" [{' '.join(more)}]" if more else "")
 
 
 def _is_number(values: pd.Series) -> bool:

@@ -23,6 +23,8 @@ from stages.science.recording.units import (
 BRACKETED = re.compile(r"^(.*?)\s*[\[({]\s*([^\[({\])}]+?)\s*[\])}]\s*$")
 BETWEEN = re.compile(r"\s+in\s+|\s*[/,;]\s*|[\s_.]+|(?<=\w)(?=[%°])")
 """Separators between a quantity and its unit."""
+LABELS = ("record", "part", "trial", "muscle")
+"""Columns that label rows, whatever unit their headings state."""
 SIGNS = ("in", "/", ",", ";")
 """Separators after which a unit is unmistakable."""
 NAMES_BESIDES = ("k", "g", "w", "a", "in", "-")
@@ -89,7 +91,7 @@ def check_headings(
     """
     for name, column in columns.items():
         source = column or name
-        if source not in present or units.get(name) is not None:
+        if source not in present or units.get(name) is not None or name in LABELS:
             continue
         heading, own = read_heading(source, told.get(source, "")), own_unit(name)
         if heading.unit is None or heading.unit == own:

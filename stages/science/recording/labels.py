@@ -21,7 +21,8 @@ FEWEST_ROWS = 2.0
 def list_labels(columns: Mapping[str, pd.Series], time: str | None) -> list[str]:
     """Return the columns that label records by their values.
 
-    They are whole numbers or text, each of them in rows that follow each other, and change wherever time goes back.
+    They are numbers or text, each of them in rows that follow each other, and change wherever time goes back; those
+    that are not whole change nowhere else.
     The number of an array of structs, which has the array's name, is one whatever time does.
     """
     arrays = [name for name in columns if any(FIELD.fullmatch(each.removeprefix(name)) for each in columns)]
@@ -45,9 +46,11 @@ def restarts(columns: Mapping[str, pd.Series], time: str, part: str) -> bool:
 
 def _labels(values: pd.Series, back: set[int]) -> bool:
     whole = values.dtype.kind in "iub" or (values.dtype.kind == "f" and bool((values % 1.0 == 0.0).all()))
-    if not stays(values) or not (whole or (values.dtype.kind not in "fmM" and not is_dates(values))):
+    if not stays(values) or values.dtype.kind in "mM" or (values.dtype.kind not in "fiub" and is_dates(values)):
         return False
     changes = _find_changes(values)
+    if values.dtype.kind == "f" and not whole and changes != back:  # what is measured may rest elsewhere
+        return False
     return values.nunique() == len(changes) + 1 and back <= changes
 
 

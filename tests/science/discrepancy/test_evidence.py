@@ -88,12 +88,14 @@ def test_beside_a_static_map_a_form_that_is_one_may_not_be_the_name():
     beside = Beside(np.array([60.0]), {("slack", "opening"): {0: 64.0}})
     offered = {}
 
-    def worth(name, forms, looked, carries):
-        offered[name] = list(looked)
+    def worth(name, forms, likely, carries, mapped):
+        offered[name] = list(likely)
         return True
 
     said = weigh_names(alone, beside, ["y"], {"none": 0.5, "static_map": 0.1, "slack": 0.5}, 1e3, worth)
-    assert list(said.looked["slack"]) == offered["slack"] == ["opening"]
+    assert list(said.likely["slack"]) == offered["slack"] == ["opening"]
+    assert said.mapped["slack"]
     mapped = Beside(np.array([10.0]), {("slack", "opening"): {0: 11.0}})
     said = weigh_names(alone, mapped, ["y"], {"none": 0.5, "static_map": 0.1, "slack": 0.5}, 1e3, worth)
-    assert {*said.looked["slack"]} == {"patch", "opening"}
+    assert {*said.likely["slack"]} == {"patch"}  # the other has next to none of its probability
+    assert not said.mapped["slack"]

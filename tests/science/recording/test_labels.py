@@ -17,14 +17,15 @@ PART = np.repeat(np.arange(RECORDS), ROWS)
         (PART, True),
         (PART.astype(float), True),
         (np.array(["a", "b", "c"])[PART], True),
-        (PART + 0.5, False),  # no whole numbers
+        (PART + 0.5, True),  # a load that was set for each
+        (PART + 0.5 * (np.arange(ROWS * RECORDS) > 5), False),  # a signal that rests elsewhere too
         (np.sin(np.arange(ROWS * RECORDS)), False),  # a signal
         (np.arange(ROWS * RECORDS), False),  # counts rows
         (PART % 2, False),  # a label that comes again
         (np.minimum(PART, 1), False),  # time begins anew within one
         (np.where(np.arange(ROWS * RECORDS) == 5, np.nan, PART), False),
     ],
-    ids=["whole", "whole_as_float", "text", "fraction", "signal", "row", "again", "too_few", "gap"],
+    ids=["whole", "whole_as_float", "text", "fraction", "rests", "signal", "row", "again", "too_few", "gap"],
 )
 def test_what_stays_and_changes_with_time_is_a_label(values, labels):
     found = list_labels({"t": TIME, "column": pd.Series(values)}, "t")

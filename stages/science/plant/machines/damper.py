@@ -21,8 +21,10 @@ class Damper(ProductPlant):
         "output": ("force", "torque"),
     }
 
+    TELLING: ClassVar = ("drive",)
+
     kind: Literal["damper"]
-    drive: str = Field(description="current or voltage that hardens it")
+    drive: str | None = Field(description="current or voltage that hardens it; null = it was constant")
 
 
 PLANT = Damper

@@ -104,6 +104,10 @@ class FirstOrder(RecordPlant):
     SITE: ClassVar[str] = SITE
     TERMS: ClassVar = LagTerms
     FREE: ClassVar[bool] = True
+    QUANTITIES: ClassVar = {
+        "input": ("voltage", "current"),
+        "output": ("length", "temperature", "pressure", "angular velocity", "velocity", "flow"),
+    }
     WATCHED: ClassVar[tuple[str, str]] = ("level", "rate of level")
 
     kind: Literal["first_order"]
