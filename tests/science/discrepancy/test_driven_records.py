@@ -93,10 +93,10 @@ def test_a_name_beside_a_spring_that_may_soften_no_further_is_doubted(monkeypatc
 
     def soften(form):
         first = form.parameters[0]
-        return replace(form, parameters=(replace(first, low=-0.1),)) if form.name == "cubic_stiffness" else form
+        return replace(form, parameters=(replace(first, low=-0.05),)) if form.name == "cubic_stiffness" else form
 
     monkeypatch.setattr(WholeRecordChannel, "forms", property(lambda output: tuple(map(soften, offered(output)))))
-    named = look(build_records(*tabulate(*pendulum(2)), read_plant("second_order")))[0].named
+    named = look(build_records(*tabulate(*pendulum(1)), read_plant("second_order")))[0].named
     assert named[0].name == "cubic_stiffness"
     assert len(named) > 1
     assert all(each.probability <= 0.5 for each in named[1:])
