@@ -47,7 +47,7 @@ FEWEST = 5
 """Of these, those through which a parabola is drawn at least."""
 BENT, TESTED, SHORTER = 2.0, 10, 0.7
 """F of two further powers above which samples lie on no parabola, samples from which that is tested, and share of those
-that pass through which it is drawn."""
+that pass by which a rate is told."""
 AT_REST = 3.0
 """Standard errors of a rate within which a record begins at rest."""
 
@@ -83,20 +83,19 @@ def _read_one(head: Array, step_s: float, at_s: float) -> tuple[float, float, fl
     noise = float(np.median(np.abs(np.diff(head, 3)))) / (0.6745 * np.sqrt(20.0)) + 1e-9 * size + 1e-300
     columns = np.vander(np.arange(len(head)) * step_s - at_s, 3, increasing=True)
 
-    def draw(count: int) -> tuple[Array, float]:
+    def draw(count: int) -> tuple[Array, Array, float]:
         found = np.linalg.lstsq(columns[:count], head[:count], rcond=None)[0]
-        return found, float(((head[:count] - columns[:count] @ found) ** 2).sum())
+        factor = np.linalg.qr(columns[:count], mode="r")
+        error = noise * np.sqrt((np.linalg.solve(factor, np.eye(3)) ** 2).sum(axis=1))
+        return found, error, float(((head[:count] - columns[:count] @ found) ** 2).sum())
 
     for count in range(len(head), FEWEST - 1, -1):
-        squares = draw(count)[1]
+        found, error, squares = draw(count)
         if np.sqrt(squares / (count - 2)) < 1.5 * noise and not _is_bent(head[:count], squares):
             break
-    count = max(int(SHORTER * count), FEWEST)  # a bend that is not yet seen is less of an error there
-    found, columns = draw(count)[0], columns[:count]
-    factor = np.linalg.qr(columns, mode="r")
-    error = noise * np.sqrt((np.linalg.solve(factor, np.eye(3)) ** 2).sum(axis=1))
-    rate = 0.0 if abs(found[1]) < AT_REST * error[1] else float(found[1])
-    return float(found[0]), float(error[0]), rate, float(error[1]), noise
+    slopes, slope_errors, _ = draw(max(int(SHORTER * count), FEWEST))  # a bend not yet seen tilts it least there
+    rate = 0.0 if abs(slopes[1]) < AT_REST * slope_errors[1] else float(slopes[1])
+    return float(found[0]), float(error[0]), rate, float(slope_errors[1]), noise
 
 
 def _is_bent(head: Array, squares: float) -> bool:
