@@ -443,7 +443,8 @@ def _carriers(
 ) -> list[int]:
     """Return the outputs that carry a name: probable, and with a gain that is worth it; none if all are too small.
 
-    A name that is likelier beside a static map has to gain beside it.
+    A name that is likelier beside a static map has to gain beside it; in parts of one record a movement repeats, and a
+    map of it tells whatever follows from it.
     """
     gains = {}
     for place, state in enumerate(outputs):
@@ -451,7 +452,7 @@ def _carriers(
         if fitted is None or carries[place] <= 0.5:
             continue
         without, having = state.current.raw, fitted.raw
-        if mapped and (name, forms[place]) in left[place].beside:
+        if mapped and state.output.jitters and (name, forms[place]) in left[place].beside:
             without, having = (left[place].beside[key] for key in ((NONE, ""), (name, forms[place])))
         before = state.ratio(without, having)
         if is_worth(state, without, having, settings):
