@@ -28,6 +28,7 @@ from stages.science.discrepancy.report_text import (
     describe_remainder,
     describe_scales,
     describe_silent_channels,
+    describe_uninformative,
     describe_verdict,
 )
 from stages.science.discrepancy.restoring import SearchTables
@@ -174,14 +175,9 @@ def verify_gap(
     odd = find_odd_trials(comparable, report.odd_trial)
     relevant = list_confounded(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
-    left = float(driven["gap_over_std"].iloc[last])
-    uninformative = (
-        f"The simulation tells nothing of what was measured: not fitted, it errs by {left:.2g} of its standard "
-        "deviation. Before anything else, look whether columns, units and signs are right, and the plant."
-    )
     warnings = [
         *suspect_muscles(tables.measured, tables.measured_muscles),
-        *([uninformative] if left > 1.0 else []),
+        *describe_uninformative(float(driven["gap_over_std"].iloc[last])),
     ]
     remarks = [
         *(describe_scales(dataset.plant) if status == "named" else []),

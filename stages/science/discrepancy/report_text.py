@@ -240,6 +240,15 @@ def describe_forgotten(output: OutputChannel, plant: Plant | RecordPlant, most: 
     ]
 
 
+def describe_uninformative(left: float) -> list[str]:
+    """Return that a simulation tells nothing, if it errs by more than a standard deviation of what was measured."""
+    text = (
+        f"The simulation tells nothing of what was measured: not fitted, it errs by {left:.2g} of its standard "
+        "deviation. Before anything else, look whether columns, units and signs are right, and the plant."
+    )
+    return [text] if left > 1.0 else []
+
+
 def describe_few_trials(fitted: int, test: int, least: int) -> list[str]:
     """Return that fewer than the least number of fitted trials say little, if they are."""
     text = (

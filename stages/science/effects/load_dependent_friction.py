@@ -1,6 +1,6 @@
 """Dry friction that grows with what presses the surfaces on each other: seals under pressure, plates under a field.
 
-`lagged` follows the load late, as a field does a current, or the pressure at a seal that in the chamber.
+`element_lagged` follows the load late, as a field does a current, or the pressure at a seal that in the chamber.
 """
 
 from dataclasses import replace

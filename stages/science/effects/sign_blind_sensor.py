@@ -17,6 +17,7 @@ EFFECT = DynamicEffect(
     relatives=("saturation",),
     terms=name_terms(folded="share"),
     scales=False,
+    unsigned=True,
 )
 
 FORMS = (EFFECT,)

@@ -37,8 +37,8 @@ from stages.science.signals.trajectories import Array
 
 EXACT, FULL = "saturation", "full_tank"
 """Effect whose levels exactly repeated values show, and its form that is a level of the vessel, not of the sensor."""
-BLIND, BELOW = "sign_blind_sensor", 0.05
-"""Effect of a sensor that shows nothing below zero, and range below zero over all of it that is none of its noise."""
+BELOW = 0.05
+"""Range below zero over all of it, of an output that is no noise about zero."""
 AVERAGED, ROUNDED = 3e-4, 1e-6
 """Numerical error over a signal's range: of averaged samples, and of rounding and integration."""
 FEWEST = 10
@@ -98,7 +98,7 @@ class WholeRecordChannel(OutputChannel):
         found = list_effects_at(self.plant.SITE, [name for name in list_effects() if name not in taken])
         forms = []
         for each in found:
-            if not self.plant.offers(each) or (each.name == BLIND and self._goes_below_zero):
+            if not self.plant.offers(each) or (getattr(each, "unsigned", False) and self._goes_below_zero):
                 continue
             scales = getattr(each, "scales", True) and not self.plant.drifts
             forms.append(EffectForm(each.name, each.form, each.site, each.parameters, each, scales, tried=True))

@@ -133,6 +133,8 @@ class DynamicEffect(NamedEffect):
 
     terms: Callable[[Mapping[str, float]], dict[str, float]]
     scales: bool = True
+    unsigned: bool = False
+    """Whether it leaves no reading below zero: an output that has some lacks it; beside it, constants are guessed anew."""
 
 
 @dataclass(frozen=True)

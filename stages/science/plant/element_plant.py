@@ -135,7 +135,7 @@ class ElementPlant(RecordPlant):
         return pressing
 
     def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
-        """Return signals (T, R) with the rate of displacement, per second."""
+        """Return signals (T, R) with the displacement, and its rate per second."""
         path = self.displace(signals)
         return {**signals, PATH: path, RATE: signals[self.speed] if self.speed else self._differentiate(path, step_s)}
 

@@ -43,8 +43,6 @@ A machine that is moved much more slowly than it moves by itself shows its usual
 """
 
 
-BLIND = "sign_blind_sensor"
-"""Effect beside which constants have to be guessed anew."""
 LAGGED, LAGS = 20.0, 40
 """Longest time constant, paces, of the lags by which the sign of an output is restored, and how many are tried."""
 
@@ -100,7 +98,7 @@ class MotionPlant(RecordPlant):
         self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float, constants: Mapping[str, float]
     ) -> Tries:
         """Return limits of the drive, see `list_limits`; and the machine that records show whose sign is restored."""
-        if effect.name == BLIND and len(self.inputs) == 1:
+        if effect.unsigned and len(self.inputs) == 1:
             return self._list_signed_starts(effect, records, step_s)
         pushes = (self.pull(each, constants).push for each in records)
         return list_limits(effect, "drive", pushes, self.know("output_scale") / self.know("time_scale_s") ** 2)
@@ -108,7 +106,7 @@ class MotionPlant(RecordPlant):
     def _list_signed_starts(self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float) -> Tries:
         """Return starts of a sensor that is blind to the sign, with constants guessed from outputs of both signs.
 
-        The sign is that of the input, less its mean or not, through the lag whose size follows the output best.
+        The sign is that of the input through the lag whose size follows the output best.
         """
         open_ones = {
             name: NominalConstant(unit=each.unit, start=None, low=None, high=None, sd=None)
@@ -119,8 +117,8 @@ class MotionPlant(RecordPlant):
         )
         tries = []
         sizes = np.concatenate([each[self.output] for each in records])
-        for taus in np.geomspace(step_s, LAGGED * self.know("time_scale_s"), LAGS):
-            followed = [lag(each[self.inputs[0]][:, None], float(taus), step_s)[:, 0] for each in records]
+        for tau_s in np.geomspace(step_s, LAGGED * self.know("time_scale_s"), LAGS):
+            followed = [lag(each[self.inputs[0]][:, None], float(tau_s), step_s)[:, 0] for each in records]
             alike = float(np.corrcoef(np.abs(np.concatenate(followed)), sizes)[0, 1])
             tries.append((alike, followed))
         best = max(tries, key=lambda each: each[0])[1]
