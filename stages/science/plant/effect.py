@@ -134,7 +134,7 @@ class DynamicEffect(NamedEffect):
     terms: Callable[[Mapping[str, float]], dict[str, float]]
     scales: bool = True
     unsigned: bool = False
-    """Whether it leaves no reading below zero: an output that has some lacks it; beside it, constants are guessed anew."""
+    """Whether it leaves no reading below zero. Then it is none of an output with some, and constants begin anew."""
 
 
 @dataclass(frozen=True)
