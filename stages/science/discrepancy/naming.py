@@ -405,19 +405,8 @@ def _decide(
     first = next(form for form in outputs[carriers[0]].output.forms if (form.name, form.form) == (best, forms[0]))
     fits = [choices[place][best, verdicts.forms[best][place]] for place in carriers]
     shown = any(_is_shown(outputs[place], fitted) for place, fitted in zip(carriers, fits, strict=True))
-    probability = min(verdicts.names[best], settings.certain if any(map(_is_stuck, fits)) else 1.0)
     channel, elements = outputs[carriers[0]].output.channel, tuple(outputs[each].output.element for each in carriers)
-    return Named(best, forms, first.site, channel, elements, probability, alternatives[:2], shown)
-
-
-def _is_stuck(fitted: Fitted) -> bool:
-    """Return whether the magnitude of an effect other than the newest is at a bound other than zero."""
-    place = len(fitted.fit.model.output.constants)
-    for form in fitted.forms[:-1]:
-        if not fitted.fit.free[place] and fitted.fit.values[place] != 0.0:
-            return True
-        place += len(form.parameters)
-    return False
+    return Named(best, forms, first.site, channel, elements, verdicts.names[best], alternatives[:2], shown)
 
 
 def is_worth(state: FittedChannel, without: Array, having: Array, settings: SearchSettings) -> bool:

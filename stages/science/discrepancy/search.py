@@ -65,7 +65,25 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
         found.named.append(replace(newest, probability=sure * newest.probability))
         _take_out_redundant(found, settings)
         found.steps.append([state.current for state in found.outputs])
+    found.named = [_doubt_beside_bounds(named, found, settings) for named in found.named]
     return found
+
+
+def _doubt_beside_bounds(named: Named, found: Search, settings: SearchSettings) -> Named:
+    """Return an effect, no more than possible if where it is another stands at a bound: it may stand for its rest."""
+    fits = [state.current for state in found.outputs if named.is_in(state.output)]
+    stuck = any({*_list_stuck(each)} - {named.name} for each in fits)
+    return replace(named, probability=min(named.probability, settings.certain)) if stuck else named
+
+
+def _list_stuck(fitted: Fitted) -> list[str]:
+    """Return the names of the effects whose magnitude is at a bound other than zero."""
+    place, stuck = len(fitted.fit.model.output.constants), []
+    for form in fitted.forms:
+        if not fitted.fit.free[place] and fitted.fit.values[place] != 0.0:
+            stuck.append(form.name)
+        place += len(form.parameters)
+    return stuck
 
 
 def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:

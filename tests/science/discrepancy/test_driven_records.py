@@ -97,9 +97,9 @@ def test_a_name_beside_a_spring_that_may_soften_no_further_is_doubted(monkeypatc
 
     monkeypatch.setattr(WholeRecordChannel, "forms", property(lambda output: tuple(map(soften, offered(output)))))
     named = look(build_records(*tabulate(*pendulum(1)), read_plant("second_order")))[0].named
-    assert named[0].name == "cubic_stiffness"
-    assert len(named) > 1
-    assert all(each.probability <= 0.5 for each in named[1:])
+    beside = [each.probability for each in named if each.name != "cubic_stiffness"]
+    assert 0 < len(beside) < len(named)
+    assert max(beside) <= 0.5
 
 
 @pytest.mark.slow
