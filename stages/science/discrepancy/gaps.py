@@ -11,6 +11,7 @@ from numpy.typing import NDArray
 
 from stages.science.discrepancy.fitted_channel import FittedChannel
 from stages.science.discrepancy.settings import RegimeSettings
+from stages.science.discrepancy.signal_names import name_signal
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, least_p
@@ -85,7 +86,7 @@ def _find_regimes(output: OutputChannel, around_reversal: float) -> dict[str, Ma
             regimes[back] = driver.values < -moving
             regimes[reversal] = _around_reversals(driver.values, moving, around)
         else:
-            name = _format_name(driver.name)
+            name, _ = name_signal(driver.name)
             middle = float(np.median(driver.values[present])) if present.any() else 0.0
             regimes[f"high {name}"] = driver.values > middle
             regimes[f"low {name}"] = driver.values <= middle
@@ -111,17 +112,11 @@ def _split_bands(residual: Array, edges: Sequence[float], step_s: float, time_sc
     return parts
 
 
-def _format_name(name: str) -> str:
-    """Return a level's name in words, without its unit."""
-    words = {"pressure_command_kpa": "command", "pressure_kpa": "pressure"}
-    return words.get(name, name.replace("_", " "))
-
-
 def _format_motion(name: str) -> tuple[str, str, str]:
     """Return the words for a rate above zero, below zero, and turning."""
     if name == "contraction_velocity_per_s":
         return "shortening", "lengthening", "velocity reversal"
-    what = _format_name(name.removesuffix("_rate"))
+    what, _ = name_signal(name.removesuffix("_rate"))
     forth, back = ("rising", "falling") if name.endswith("_rate") else ("positive", "negative")
     return f"{what} {forth}", f"{what} {back}", f"{what} reversal"
 

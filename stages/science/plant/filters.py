@@ -16,8 +16,8 @@ def _lag_straight(signal: Array, decay: float, last: float, now: float) -> Array
     return lagged
 
 
-def lag(signal: Array, tau_s: float, step_s: float) -> Array:
-    """Return the exact first-order lag of a signal (T, K) that runs straight from sample to sample.
+def lag(signal: Array, tau_s: float, step_s: float, held: bool = False) -> Array:
+    """Return the exact first-order lag of a signal (T, K) that runs straight from sample to sample, or is held.
 
     It starts settled at the first sample; a time constant of zero returns the signal itself.
     """
@@ -25,6 +25,8 @@ def lag(signal: Array, tau_s: float, step_s: float) -> Array:
         return signal
     ratio = step_s / tau_s
     decay = np.exp(-ratio)
+    if held:
+        return _lag_straight(np.ascontiguousarray(signal), decay, 1.0 - decay, 0.0)
     mean = -np.expm1(-ratio) / ratio
     return _lag_straight(np.ascontiguousarray(signal), decay, mean - decay, 1.0 - mean)
 

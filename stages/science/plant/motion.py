@@ -14,7 +14,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from numba import njit
 
-from stages.science.plant.filters import read
+from stages.science.plant.filters import lag, read
 from stages.science.signals.trajectories import Array
 
 Between = Literal["band_limited", "linear", "held", "averaged"]
@@ -47,6 +47,7 @@ class MotionTerms(NamedTuple):
     turning: float = 1.0
     delay: float = 0.0
     drive_cut: float = 0.0
+    drive_lag: float = 0.0
     sensor_offset: float = 0.0
     folded: float = 0.0
     unread: float = 0.0
@@ -172,6 +173,15 @@ def _integrate(
     return motion
 
 
+def _follow(drive: Array, lags: Array, begun: Array, step: float, held: bool) -> Array:
+    """Return drives (K, M) behind lags, (K,) steps being in the unit of these, from how they begin, (K,)."""
+    followed, since = drive.copy(), step * np.arange(drive.shape[1])
+    for k in np.flatnonzero(lags):
+        fading = (begun[k] - drive[k, 0]) * np.exp(-since / lags[k])
+        followed[k] = lag(drive[k][:, None], lags[k], step, held)[:, 0] + fading
+    return followed
+
+
 def integrate(
     drive: Array,
     hold: Array,
@@ -182,6 +192,7 @@ def integrate(
     substeps: int,
     late: Array,
     offset: Array | float = 0.0,
+    held: bool = False,
 ) -> Array:
     """Return motions at the sampling instants, (T, K), in scales, as the sensor of the terms shows them.
 
@@ -201,6 +212,8 @@ def integrate(
     late, offset : (K,) ndarray
         By which the drive acts, samples, maybe negative; what the sensor adds after all, scales: its ends are readings
         with it, and motions are told without.
+    held : bool
+        Whether a drive that lags is one that stays from instant to instant.
     """
     told = {name: np.array([getattr(each, name) for each in terms]) for name in MotionTerms._fields}
     h = pace / substeps
@@ -210,6 +223,9 @@ def integrate(
     table = np.stack([1.0 / told[name] if name in inverted else told[name] for name in TABLE])
     limit = np.array([1.0 / cut if cut > 0.0 else np.inf for cut in told["drive_cut"]])
     late = (told["delay"] * 2.0 * np.pi / pace + late) * (2 * substeps)
+    if told["drive_lag"].any():  # what lags is unknown at first: the motion is taken to begin in balance
+        balance = hold[:, 0] * start[0] + told["damping"] * start[1]
+        drive = _follow(drive, told["drive_lag"], balance, 0.5 * h, held)
     drive, hold, start = (np.ascontiguousarray(each) for each in (drive, hold, start))
     moved = _integrate(drive, hold, start, table, limit, late, h, substeps)
     moved = moved + told["sensor_offset"]

@@ -43,8 +43,13 @@ A machine that is moved much more slowly than it moves by itself shows its usual
 """
 
 
-LAGGED, LAGS = 20.0, 40
-"""Longest time constant, paces, of the lags by which the sign of an output is restored, and how many are tried."""
+LAGGED, LAGS, TURNS = 20.0, 40, 5
+"""Longest time constant, paces, of the lags by which the sign of an output is restored, how many are tried, and how
+often it is told anew by what the machine does."""
+
+
+def _compare(followed: Sequence[Array], sizes: Array) -> float:
+    return float(np.corrcoef(np.abs(np.concatenate(followed)), sizes)[0, 1])
 
 
 class _MotionEffect(EffectConfig):
@@ -63,6 +68,8 @@ class Pull(NamedTuple):
     """What the sensor adds."""
     start: tuple[float, float] = (0.0, 0.0)
     """What is added to the place and the velocity in which a record seems to begin."""
+    lag_s: float = 0.0
+    """Time constant with which the push follows."""
 
 
 Guess = dict[str, tuple[float, ...]]
@@ -81,6 +88,8 @@ class MotionPlant(RecordPlant):
     TERMS: ClassVar = MotionTerms
     TOGETHER: ClassVar[int] = WIDE
     WATCHED: ClassVar[tuple[str, str]] = ("motion", "velocity")
+    ORDER: ClassVar[int] = 2
+    """Derivatives of signals by which constants are guessed."""
     FILTER: ClassVar[float] = 0.3
     """Time constant of the filters by which constants are guessed, paces."""
 
@@ -106,7 +115,8 @@ class MotionPlant(RecordPlant):
     def _list_signed_starts(self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float) -> Tries:
         """Return starts of a sensor that is blind to the sign, with constants guessed from outputs of both signs.
 
-        The sign is that of the input through the lag whose size follows the output best.
+        The sign is first that of the input through the lag whose size follows the output best, and then that of what
+        the machine so guessed does.
         """
         open_ones = {
             name: NominalConstant(unit=each.unit, start=None, low=None, high=None, sd=None)
@@ -119,15 +129,21 @@ class MotionPlant(RecordPlant):
         sizes = np.concatenate([each[self.output] for each in records])
         for tau_s in np.geomspace(step_s, LAGGED * self.know("time_scale_s"), LAGS):
             followed = [lag(each[self.inputs[0]][:, None], float(tau_s), step_s)[:, 0] for each in records]
-            alike = float(np.corrcoef(np.abs(np.concatenate(followed)), sizes)[0, 1])
-            tries.append((alike, followed))
-        best = max(tries, key=lambda each: each[0])[1]
-        signed = [
-            {**each, self.output: np.copysign(each[self.output], path)}
-            for each, path in zip(records, best, strict=True)
-        ]
-        told = free.resolve_from_data(signed, step_s).starts
-        kept = {each.name: float(np.clip(told[each.name], each.low, each.high)) for each in self.parameters}
+            tries.append((_compare(followed, sizes), followed))
+        alike, followed = max(tries, key=lambda each: each[0])
+        told = None
+        for _ in range(TURNS):
+            signed = [
+                {**each, self.output: np.copysign(each[self.output], path)}
+                for each, path in zip(records, followed, strict=True)
+            ]
+            again = free.resolve_from_data(signed, step_s)
+            followed = again._follow(signed, step_s)
+            if told is not None and _compare(followed, sizes) <= alike:
+                break
+            told, alike = again, _compare(followed, sizes)
+        starts = (told or free).starts
+        kept = {each.name: float(np.clip(starts[each.name], each.low, each.high)) for each in self.parameters}
         return [{effect.parameters[0].name: 1.0, **kept}]
 
     @property
@@ -136,6 +152,7 @@ class MotionPlant(RecordPlant):
         pulled = self.pull({name: np.zeros((1, 1)) for name in self.inputs}, self.starts)
         hold, damping = float(np.max(pulled.hold)), pulled.damping
         slowest = 0.5 * damping if damping**2 < 4.0 * hold else 0.5 * (damping - np.sqrt(damping**2 - 4.0 * hold))
+        slowest = min(slowest, 1.0 / pulled.lag_s) if pulled.lag_s else slowest
         return float(np.log(1e3) / slowest) if slowest > 0.0 and not self.drifts else np.inf
 
     @abstractmethod
@@ -188,8 +205,11 @@ class MotionPlant(RecordPlant):
         """Return the plant with constants told by records through filters of its pace."""
         tau_s = max(self.FILTER * self.know("time_scale_s"), FINEST_FILTER * step_s)
         names = (*self.inputs, self.output)
-        filtered = {name: [filter_derivatives(each[name], 2, tau_s, step_s) for each in records] for name in names}
-        filtered[""] = [filter_derivatives(np.ones(len(each[self.output])), 2, tau_s, step_s) for each in records]
+        filtered = {
+            name: [filter_derivatives(each[name], self.ORDER, tau_s, step_s) for each in records] for name in names
+        }
+        ones = [np.ones(len(each[self.output])) for each in records]
+        filtered[""] = [filter_derivatives(each, self.ORDER, tau_s, step_s) for each in ones]
         guessed = self.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)), begun)
         guessed["input_delay_s"] = (0.0, -step_s, step_s, 0.5 * step_s)
         return self.fill_in(guessed)
@@ -204,14 +224,18 @@ class MotionPlant(RecordPlant):
 
     def _miss(self, records: Sequence[Mapping[str, Array]], step_s: float) -> float:
         """Return the root mean square by which the guessed constants miss what was measured."""
-        squares, samples = 0.0, 0
+        measured = [each[self.output] for each in records]
+        missed = np.concatenate(self._follow(records, step_s)) - np.concatenate(measured)
+        return float(np.sqrt(np.mean(missed**2)))
+
+    def _follow(self, records: Sequence[Mapping[str, Array]], step_s: float) -> list[Array]:
+        """Return the motions that the guessed constants tell, one of each record."""
+        followed = []
         for each in records:
             signals = {name: values[:, None] for name, values in each.items()}
             begun = read_initial_state([each[self.output][:HEAD]], step_s)
-            told = self.simulate(self.refine(signals, step_s), step_s, np.zeros(1), self.starts, (), begun)
-            squares += float(((told[:, 0] - each[self.output]) ** 2).sum())
-            samples += len(told)
-        return float(np.sqrt(squares / samples))
+            followed.append(self.simulate(self.refine(signals, step_s), step_s, np.zeros(1), self.starts, (), begun))
+        return [each[:, 0] for each in followed]
 
     def thin_out(self, stride: int) -> Self:
         """Return the plant for records of which every so many samples became their mean: such inputs are means."""
@@ -251,6 +275,8 @@ class MotionPlant(RecordPlant):
         pulls = [self.pull(signals, constants) for constants, _ in cases]
         records = pulls[0].push.shape[1]
         terms = [collect(MotionTerms, SITE, self.place(effects)) for _, effects in cases]
+        lags = [each.lag_s / time_scale_s for each in pulls]
+        terms = [each._replace(drive_lag=each.drive_lag + late) for each, late in zip(terms, lags, strict=True)]
         terms = [each for each in terms for _ in range(records)]
         drive = np.concatenate([(time_scale_s**2 / scale * each.push).T for each in pulls])
         holds = [each.hold * np.ones((1, records)) for each in pulls]
@@ -258,14 +284,14 @@ class MotionPlant(RecordPlant):
         damping = np.repeat([each.damping * time_scale_s for each in pulls], records)
         late = np.repeat([constants["input_delay_s"] / step_s for constants, _ in cases], records)
         offset = np.repeat([each.offset for each in pulls], records)
+        stays = self.between_samples == "held"
 
         def run(state: Array, chosen: NDArray[np.int_], samples: int) -> Array:
             upto = (samples - 1) * 2 * substeps + 1
-            pushed, held = (each[:, :upto][chosen] for each in (drive, hold))
+            pushed, holding = (each[:, :upto][chosen] for each in (drive, hold))
             kept = [terms[k] for k in chosen]
-            return integrate(
-                pushed, held, state, damping[chosen], kept, pace, substeps, late[chosen], offset[chosen] / scale
-            )
+            its = (damping[chosen], kept, pace, substeps, late[chosen], offset[chosen] / scale)
+            return integrate(pushed, holding, state, *its, stays)
 
         state = np.zeros((2, len(terms)))
         if begun is not None:
@@ -277,5 +303,5 @@ class MotionPlant(RecordPlant):
                 heads = (np.tile(signals[self.output][:HEAD], len(cases)) - offset) / scale
                 errors = np.stack([told.value_error, told.rate_error * time_scale_s]) / scale
                 state = begin(run, state, np.maximum(errors, 1e-6), heads, told.noise / scale)
-        motion = integrate(drive, hold, state, damping, terms, pace, substeps, late, offset / scale)
+        motion = integrate(drive, hold, state, damping, terms, pace, substeps, late, offset / scale, stays)
         return (offset + scale * motion).reshape(len(motion), len(cases), records).transpose(0, 2, 1)

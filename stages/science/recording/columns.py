@@ -49,7 +49,7 @@ def adopt(
     for name in columns:
         source = columns[name] or name
         if source in frame:
-            found[name] = frame[source].astype(str) if name in names else _convert(frame[source], name, units)
+            found[name] = _spell(frame[source]) if name in names else _convert(frame[source], name, units)
         elif columns[name] is not None:
             raise RecordingError(f"no column '{source}', which columns.{name} names; {_offer(source, there)}")
         elif name in needed:
@@ -60,6 +60,12 @@ def adopt(
         if name in found and frame[source].isna().any():
             raise RecordingError(f"column {source}: expected text, got nothing in {name_rows(frame[source].isna())}")
     return pd.DataFrame(found)
+
+
+def _spell(values: pd.Series) -> pd.Series:
+    """Return values as names: whole numbers without a point."""
+    whole = values.dtype.kind == "f" and bool((values.dropna() % 1.0 == 0.0).all())
+    return values.astype("Int64").astype(str) if whole else values.astype(str)
 
 
 def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:

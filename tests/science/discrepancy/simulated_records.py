@@ -102,6 +102,19 @@ def pendulum(seed, noise=2e-3, samples=1600, step_s=0.02):
     return {"drive_v": pushed, "response_v": angle + noise * generator.standard_normal(samples)}, step_s
 
 
+def belt(seed, noise=0.02, samples=1500, step_s=0.02):
+    """A pulley on a springy belt that a slow motor drives either way, read by a counter that does not see which way."""
+    generator = np.random.default_rng(seed)
+    command = np.repeat(generator.choice([-1.0, 1.0], samples // 5 + 1), 5)[:samples]
+    motor, torque = np.empty((samples, FINE)), 0.0
+    for k in range(samples):
+        for i in range(FINE):
+            motor[k, i] = torque
+            torque += step_s / FINE * (at(command, k, i) - torque) / 0.13
+    speed = integrate(lambda k, i, x, v: 400.0 * (1.8 * motor[k, i] - x) - 5.0 * v, samples, step_s)
+    return {"drive_v": command, "response_v": np.abs(speed) + noise * generator.standard_normal(samples)}, step_s
+
+
 def move(seed, samples=4800, step_s=0.02):
     """The way of an element on a test bench, m: three waves."""
     generator = np.random.default_rng(seed)

@@ -11,6 +11,7 @@ from tests.science.discrepancy.searches import DISCREPANCY, look, read_values
 from tests.science.discrepancy.simulated_records import (
     NOISE_V,
     WANDER_V,
+    belt,
     build_records,
     configured,
     drive,
@@ -23,13 +24,15 @@ from tests.science.discrepancy.simulated_records import (
 from tests.science.plant.machines import read_plant
 
 approx = pytest.approx
-PLANTS = {drive: "servo_drive", lag: "first_order", joint: "pam_joint", pendulum: "second_order"}
+PLANTS = {drive: "servo_drive", lag: "first_order", joint: "pam_joint", pendulum: "second_order", belt: "second_order"}
 SIZES = {
     "viscous_friction": lambda its, plant: its["share"] / plant.time_scale_s,
     "coulomb_friction": lambda its, plant: its["share"] * plant.output_scale / plant.time_scale_s**2,
     "valve_asymmetry": lambda its, plant: its["asymmetry"],
     "valve_rate_limit": lambda its, plant: plant.output_scale / plant.time_scale_s / its["slowness"],
     "cubic_stiffness": lambda its, plant: its["share"] / plant.output_scale**2,
+    "actuator_lag": lambda its, plant: its["paces"] * plant.time_scale_s,
+    "sign_blind_sensor": lambda its, plant: its["share"],
 }
 """What the parameters of an effect say in the machine's own units."""
 
@@ -43,6 +46,10 @@ PLANTED = {
     "the rate limit of a lag": ((lag, {"fastest": 2.5, "samples": 2000}), {"valve_rate_limit": approx(250, rel=0.05)}),
     "dry friction of a joint": ((joint, {"coulomb": 2.0, "samples": 2000}), {"coulomb_friction": approx(2.0, rel=0.1)}),
     "the softening spring of a pendulum": ((pendulum, {}), {"cubic_stiffness": approx(-1.0 / 6.0, rel=0.15)}),
+    "the motor of a belt, read without a sign": (
+        (belt, {}),
+        {"actuator_lag": approx(0.13, rel=0.05), "sign_blind_sensor": approx(1.0, abs=0.02)},
+    ),
 }
 MASS = {"mass": approx(50.0, rel=1e-3)}
 FILLING = {"time_constant_s": approx(0.35, rel=0.01), "gain": approx(100.0, rel=0.002)}

@@ -1,7 +1,7 @@
 """Records of machines that others measured, by a column map alone: what is named, and what it leaves where not fitted.
 
-Tanks of Schoukens and Noel, a joint of Wang and Realmuto, a drive of Janot, Gautier and Brunot: data of theirs, which
-are not part of this project.
+Tanks of Schoukens and Noel, a joint of Wang and Realmuto, a drive of Janot, Gautier and Brunot, a belt of Wigren and
+Schoukens: data of theirs, which are not part of this project.
 """
 
 import functools
@@ -24,6 +24,7 @@ DATA = Path(__file__).resolve().parents[4] / "shared" / "data"
 TANKS = DATA / "cascaded_tanks" / "cascaded_tanks.parquet"
 JOINT = DATA / "pam_antagonistic_ucr" / "pam_antagonistic_ucr.parquet"
 DRIVE = DATA / "emps" / "emps.parquet"
+BELT = DATA / "coupled_drives" / "ced_prbs_1p0V.parquet"
 MAPS = {
     TANKS: ["+columns.pump_v=u", "+columns.level_v=y", "plant=cascaded_tanks"],
     JOINT: [
@@ -37,6 +38,14 @@ MAPS = {
         "measurement.blocks=20",
     ],
     DRIVE: ["+columns.force_n=force", "+columns.position_m=qm", "plant=servo_drive"],
+    BELT: [
+        "columns.time_s=time_s",
+        "+columns.drive_v=motor_voltage_V",
+        "+columns.speed_v=pulley_speed_sensor_V",
+        "plant=belt_drive",
+        "plant.output=speed_v",
+        "parts.last_share=0.4",
+    ],
 }
 PARTS = ["parts.fitted=[est]", "parts.verification=[val]"]
 
@@ -69,6 +78,14 @@ def test_what_a_machine_does_is_named_and_taken_away(path, parts, told, before, 
 
 
 @pytest.mark.slow
+def test_a_counter_that_does_not_see_which_way_a_pulley_turns(pamid):
+    names, status, left = run(pamid, BELT)
+    assert (status, set(names)) == ("named", {"sign_blind_sensor"})
+    assert left[0] > 1.0
+    assert left[-1] < 0.25
+
+
+@pytest.mark.slow
 def test_without_hysteresis_no_other_name_is_sure(pamid):
     names, _, _ = run(pamid, JOINT, "discrepancy.search.left_out=[hysteresis,coulomb_friction]")
     assert max(names.values(), default=0.0) < 0.8
@@ -97,7 +114,7 @@ def test_without_its_effects_a_gap_of_the_tanks_has_no_other_name(left_out, said
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("path", MAPS, ids=["tanks", "joint", "drive"])
+@pytest.mark.parametrize("path", [TANKS, JOINT, DRIVE], ids=["tanks", "joint", "drive"])
 def test_nothing_is_named_in_what_the_fitted_textbook_simulates(path):
     plant, state = fit_textbook(path)
     output, nominal = state.output, state.nominal.fit

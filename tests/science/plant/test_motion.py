@@ -80,6 +80,19 @@ def test_a_delay_shifts_the_response():
     assert answer(signal, late)[3:] == pytest.approx(answer(signal)[:-3], abs=1e-9)
 
 
+def test_a_drive_behind_a_lag_agrees_with_an_adaptive_solver(generator):
+    signal = 0.2 * generator.standard_normal(300)
+    instants = np.arange(300) * STEP
+
+    def rates(now, state):
+        x, w, drive = state
+        return OMEGA * np.array([w, drive - x - 0.1 * w, (2.0 / 0.3 * np.interp(now, instants, signal) - drive) / 1.5])
+
+    truth = 0.3 * solve(rates, np.zeros(3), instants)[0]
+    lagging = terms_of((find_effect("actuator_lag"), {"paces": 1.5}))
+    assert answer(signal, lagging, substeps=16) == pytest.approx(truth, abs=2e-4 * np.abs(truth).max())
+
+
 def test_combining_effects_compiles_nothing():
     signal = np.zeros(50)
     answer(signal)

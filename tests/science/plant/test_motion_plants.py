@@ -2,8 +2,9 @@
 
 import numpy as np
 import pytest
+from scipy.signal import TransferFunction, lsim
 
-from tests.science.discrepancy.simulated_records import drive, joint
+from tests.science.discrepancy.simulated_records import configured, drive, joint
 from tests.science.plant.machines import begin_surely, read_plant, simulate, solve
 
 STEP_S = 0.01
@@ -77,6 +78,26 @@ def test_a_joint_that_rubs_and_is_moved_slowly_is_known_for_as_quick_as_it_is(se
     assert 0.5 < settled.time_scale_s * np.sqrt(20.0 + 0.1 * 400.0) < 2.5
     for name, told in settled.nominal.items():
         assert told.low <= JOINT[name] <= told.high
+
+
+def test_a_belt_is_an_oscillator_behind_a_lag_and_is_known_by_its_records(generator):
+    command = np.repeat(generator.choice([-1.0, 1.0], 200), 4)
+    transfer = TransferFunction([1.8], np.polymul([0.13, 1.0], [1.0 / 21.0**2, 2.0 * 0.1 / 21.0, 1.0]))
+    truth = np.append(0.0, lsim(transfer, np.repeat(command, 20), np.arange(800 * 20) * 0.001, interp=False)[1][20::20])
+    sizes = {
+        "static_gain": 1.8,
+        "natural_frequency_hz": 21.0 / (2.0 * np.pi),
+        "damping_ratio": 0.1,
+        "drive_lag_s": 0.13,
+    }
+    constants = {**sizes, "input_offset": 0.0, "output_offset": 0.0, "input_delay_s": 0.0}
+    belt = configured("belt_drive")
+    plant = belt.model_copy(update={"output_scale": 1.0, "time_scale_s": 1.0 / 21.0})
+    signals = {"drive_v": command, "response_v": truth}
+    found = simulate(plant, {"drive_v": command}, constants, begun=begin_surely(0.0, 0.0), step_s=0.02)
+    np.testing.assert_allclose(found, truth, atol=2e-3)
+    starts = belt.resolve_from_data([signals], 0.02).starts
+    assert {name: starts[name] for name in sizes} == pytest.approx(sizes, rel=0.2)
 
 
 def read_drive(**changes):

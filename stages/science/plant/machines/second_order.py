@@ -38,7 +38,6 @@ class Oscillator(MotionPlant):
     ELEMENT: ClassVar[str] = "oscillator"
     FREE: ClassVar[bool] = True
 
-    kind: Literal["second_order"]
     input: str
     constants: OscillatorConstants
 
@@ -56,8 +55,11 @@ class Oscillator(MotionPlant):
             for u, y, one in zip(inputs, outputs, derivatives[""], strict=True)
         ]
         push, damping, hold, _, _ = regress(rows, [y[:, 2] for y in outputs], skipped)
-        pace = self.know("time_scale_s")
-        omega = float(np.sqrt(hold)) if hold > 0.0 else 1.0 / pace
+        return self._bound(derivatives, push, damping, hold)
+
+    def _bound(self, derivatives: Mapping[str, Sequence[Array]], push: float, damping: float, hold: float) -> Guess:
+        inputs, outputs = derivatives[self.input], derivatives[self.output]
+        omega = float(np.sqrt(hold)) if hold > 0.0 else 1.0 / self.know("time_scale_s")
         hertz, ratio = omega / (2.0 * np.pi), float(np.clip(0.5 * damping / omega, 0.005, 1.5))
         largest, swing = max(float(np.abs(u[:, 0]).max()) for u in inputs) or 1.0, self.know("output_scale")
         middle = float(np.mean(np.concatenate([y[:, 0] for y in outputs])))
@@ -85,4 +87,10 @@ class Oscillator(MotionPlant):
         return np.concatenate([features, answer / np.maximum(answer.std(axis=(0, 1)), 1e-300)], axis=2)
 
 
-PLANT = Oscillator
+class SecondOrder(Oscillator):
+    """The driven oscillator by itself."""
+
+    kind: Literal["second_order"]
+
+
+PLANT = SecondOrder
