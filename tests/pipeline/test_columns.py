@@ -225,13 +225,13 @@ def test_time_is_found_by_dates_and_by_its_usual_names(look, name, times, told):
 
 
 @pytest.mark.parametrize("name", ["Lauf", "Nr", "Versuch", "rec", "serie"])
-@pytest.mark.parametrize("values", [[1, 2, 3], [0.0, 1.0, 5.0], ["a", "c", "b"]])
-def test_what_changes_where_time_begins_anew_tells_records_apart(look, name, values):
+@pytest.mark.parametrize(("values", "names"), [([1, 2, 3], "123"), ([0.0, 1.0, 5.0], "015"), (["a", "c", "b"], "acb")])
+def test_what_changes_where_time_begins_anew_tells_records_apart(look, name, values, names):
     time, drive, answer = make_run(60)
     frame = pd.DataFrame({"t": np.tile(time[:20], 3), "F_N": drive, "x_mm": answer, name: np.repeat(values, 20)})
     lines = look(frame.assign(gear=np.tile(np.repeat([1, 2], 10), 3), Zeile=np.arange(60)))
     assert f"columns.record={name}" in arguments(lines)
-    assert f"records: {', '.join(f'{each} (20 rows)' for each in values)}" in lines
+    assert f"records: {', '.join(f'{each} (20 rows)' for each in names)}" in lines
     assert any("the unit of gear, Zeile, left out" in line for line in lines)
 
 
