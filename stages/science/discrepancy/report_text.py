@@ -58,8 +58,10 @@ def describe_verdict(
     return [*sentences, *remarks]
 
 
-def _compare_with_floor(gap: float, floor: float) -> str:
-    """Return how large a gap is beside the noise floor, or that it is not resolved."""
+def _compare_with_floor(gap: float, floor: float, first: float = 0.0) -> str:
+    """Return how large a gap is beside the noise floor, or that it is not resolved; `first` is what it was before."""
+    if gap < floor <= first:
+        return f"what is left is not above the noise floor ({_percent(floor)})"
     if gap < floor:
         return f"that is not above the noise floor ({_percent(floor)}): no gap is resolved"
     return f"that is {gap / floor:.2f} times the noise floor ({_percent(floor)})"
@@ -103,7 +105,7 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
     return [
         *told,
         *([doubt] if left["imitated"] > settings.search.certain else []),
-        f"{closing}; {_compare_with_floor(gap['after'], gap['noise_floor'])}.",
+        f"{closing}; {_compare_with_floor(gap['after'], gap['noise_floor'], gap['before'])}.",
         *([remains] if left["status"] == "unexplained" else []),
         *_describe_suspected(verdict),
     ]

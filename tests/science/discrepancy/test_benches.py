@@ -1,11 +1,13 @@
 """Elements on test benches: what is planted is named, the same at any rate, and a wrong law alone gets no name."""
 
+import numpy as np
+import pandas as pd
 import pytest
 
 from stages.science.discrepancy.decision import decide
-from tests.science.discrepancy.searches import DISCREPANCY, look
+from tests.science.discrepancy.searches import DISCREPANCY, look, run_records
 from tests.science.discrepancy.simulated_benches import BENCHES, record_bench
-from tests.science.discrepancy.simulated_records import build_records, tabulate
+from tests.science.discrepancy.simulated_records import build_records, tabulate, wander
 from tests.science.plant.machines import read_plant
 
 pytestmark = pytest.mark.slow
@@ -44,3 +46,23 @@ def test_what_is_planted_is_named_at_any_rate(machine, effect, rate_hz, generato
 @pytest.mark.parametrize("machine", BENCHES)
 def test_a_law_that_is_a_little_wrong_gets_no_name(machine, rate_hz, generator):
     assert search_bench(machine, "none", 0.0, rate_hz, generator)[0] == []
+
+
+def test_a_reading_that_ends_in_a_record_with_holes_comes_to_a_verdict(pamid, tmp_path, generator):
+    """A spring whose sensor ends, with values missing here and there, one whole block of them, and much of another."""
+    force = 40.0 * wander(generator, 4800, 160)
+    way = 0.02 * force + 0.01 * generator.standard_normal(4800)
+    end = np.quantile(way, 0.9)
+    read = np.minimum(way, end)
+    read[generator.random(4800) < 0.02] = np.nan
+    read[1500:1830] = read[4400:4550] = np.nan
+    path = tmp_path / "spring.csv"
+    pd.DataFrame({"t": np.arange(4800) * 0.01, "f": force, "x": read}).to_csv(path, index=False)
+    spring = ["plant=static_map", "plant.along=force_n", "plant.constants.stiffness.of=[force_n]"]
+    given = ["+columns.force_n=f", "+columns.position_mm=x", "plant.output=position_mm", *spring]
+    said, verdict = run_records(pamid, path, *given, "figures=[png]")
+    (named,) = verdict["effects"]
+    assert named["name"] == "saturation"
+    assert verdict["gap"]["after"] < 0.25 * verdict["gap"]["before"]
+    assert f"{np.isnan(read).sum()} of 4800 values are missing" in said
+    assert list((pamid.runs[0] / "figures").glob("signature_saturation.png"))
