@@ -57,11 +57,10 @@ def test_it_tells_type_range_gaps_unit_and_use_of_every_column(look, tmp_path):
     assert rows["note"] == ["text", "a", "a", "0", "-"]
     assert "time: even steps, 100 Hz" in lines
     assert "records: 1 (100 rows), 2 (100 rows)" in lines
-    assert "  which signal drives the machine: plant.input=NAME, of force_n, x_m" in lines
     assert " ".join(arguments(lines)) == (
         'workflow=discrepancy measurement=records columns.time_s="Time (ms)" columns.record=run '
         '+columns.force_n="Force [kN]" +columns.x_m=x_mm units.time_s=ms +units.force_n=kN +units.x_m=mm '
-        "plant=second_order plan=true"
+        "plant=damper plant.along=x_m plant.drive=null plant.output=force_n plan=true"
     )
 
 
@@ -155,6 +154,15 @@ def test_what_was_set_for_each_record_labels_it_although_it_has_a_unit(look):
         ("theta_deg", "second_order plant.input=nothing plant.output=theta_rad"),
         ("p_kpa bend_deg", "finger plant.along=p_kpa plant.output=bend_rad"),
         ("p1_kpa p2_kpa q_deg", "pam_joint plant.pressures=[p1_kpa,p2_kpa] plant.output=q_rad"),
+        ("Command_V Pressure_bar", "first_order plant.input=command_v plant.output=pressure_kpa"),
+        ("valve_cmd_V chamber_bar", "first_order plant.input=valve_cmd_v plant.output=chamber_kpa"),
+        ("u_V p_bar", "first_order plant.input=u_v plant.output=p_kpa"),
+        ("M[Nm] speed[rpm]", "first_order plant.input=m_nm plant.output=speed_rad_per_s"),
+        ("Motorstrom[A] Winkel[deg]", "servo_drive plant.force=motorstrom_a plant.output=winkel_rad"),
+        ("M[Nm] Position[mm]", "servo_drive plant.force=m_nm plant.output=position_m"),
+        ("Weg[mm] Kraft[N]", "damper plant.along=weg_m plant.drive=null plant.output=kraft_n"),
+        ("u[V] y[V]", "second_order plant.input=u_v plant.output=y_v"),
+        ("x[mm] y[N] z[m]", "damper plant.along=x_m plant.drive=null plant.output=y_n"),
     ],
 )
 def test_a_machine_is_put_into_the_command_by_its_quantities(look, headings, machine):
@@ -194,7 +202,22 @@ def test_what_it_cannot_guess_is_left_to_the_person(look):
     lines = look({"a": [0.0, 1.0, 2.0], "qm": [1.0, 2.0, 4.0]})
     assert "  which column is time: columns.time_s=NAME; or, without one, its rate: measurement.rate_hz=..." in lines
     assert "  the unit of a, qm, left out: +columns.NAME_UNIT=COLUMN takes one, as in +columns.force_n=F" in lines
-    assert arguments(lines) == ["workflow=discrepancy", "measurement=records", "plant=second_order", "plan=true"]
+    untold = ["plant=second_order", "plant.input=NAME", "plant.output=NAME"]
+    assert arguments(lines) == ["workflow=discrepancy", "measurement=records", *untold, "plan=true"]
+    lines = look({"t": [0.0, 1.0, 2.0], "a [V]": [1.0, 2.0, 4.0], "b [V]": [1.0, 2.0, 5.0]})
+    assert "  which signal drives the machine: plant.input=NAME, of a_v, b_v" in lines
+    assert arguments(lines)[-4:-1] == untold
+
+
+def test_units_below_a_date_that_has_none_and_a_column_of_labview_are_understood(look, tmp_path):
+    rows = "\n".join(f"26.03.2026 14:03:{k:02};{k % 7},5;{k % 5},25" for k in range(60))
+    (tmp_path / "a.csv").write_text(f"Datum/Uhrzeit;Druck;Winkel\n;mbar;\u00b0\n{rows}\n")
+    told = " ".join(arguments(look(tmp_path / "a.csv")))
+    assert "+units.druck_kpa=mbar +units.winkel_rad=deg plant=finger plant.along=druck_kpa" in told
+    time, drive, answer = make_run()
+    lines = look({"X_Value": time, "p (bar)": drive, "F (N)": answer, "Comment": np.nan})
+    assert "columns.time_s=X_Value" in arguments(lines)
+    assert not [line for line in lines if "left out" in line]
 
 
 def test_a_unit_with_a_slash_is_read_whole_or_asked_for(look):

@@ -39,7 +39,7 @@ def describe_verdict(
     if verdict["status"] == "no_discrepancy":
         gap = verdict["gap"]
         sentences = [
-            f"Nothing that matters is missing (probability {_sure(1.0 - verdict['missing_probability'])}): on "
+            f"Nothing that matters is missing, with probability {_sure(1.0 - verdict['missing_probability'])}: on "
             f"{_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
             f"{_compare_with_floor(gap['before'], gap['noise_floor'])}; in its worst channel it is at most "
             f"{gap['over_floor']['high']:.2f} times the floor (one-sided limit over trials).",

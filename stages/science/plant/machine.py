@@ -20,11 +20,15 @@ def list_kinds() -> tuple[str, ...]:
 
 
 class SignalKey(NamedTuple):
-    """A key of a machine that names signals: how many, whether it may be null, and by what quantities it is known."""
+    """A key of a machine that names signals: how many, whether it may be left out, and by what quantities it is known.
+
+    One that may not be left out may still have to be null, where there is no such signal.
+    """
 
     signals: int
     optional: bool
     quantities: tuple[str, ...]
+    nullable: bool = False
 
 
 def list_signals() -> dict[str, dict[str, SignalKey]]:
@@ -41,7 +45,8 @@ def list_signals() -> dict[str, dict[str, SignalKey]]:
                 count = next((limit.min_length for limit in each.metadata if isinstance(limit, MinLen)), 1)
                 keys[key] = SignalKey(count, False, known)
             elif each.annotation is str or (known and each.annotation == str | None):
-                keys[key] = SignalKey(1, each.annotation is not str and key not in plant.TELLING, known)
+                nullable = each.annotation is not str
+                keys[key] = SignalKey(1, nullable and key not in plant.TELLING, known, nullable)
         found[kind] = {key: keys[key] for key in sorted(keys, key=lambda each: each == "output")}
     return found
 

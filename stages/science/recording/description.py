@@ -24,6 +24,8 @@ from stages.science.signals.trajectories import Array
 TABLE = ("column", "values", "from", "to", "missing", "unit", "taken for")
 SIMPLEST = "second_order"
 """Plant that is put into the command, for want of a hint in the file."""
+UNTOLD = "NAME"
+"""Stands for a signal that the file does not tell."""
 FREE = "nothing"
 """Input of a machine that moves by itself, where a file has one signal alone."""
 FEW = 12
@@ -49,7 +51,7 @@ def describe(
     if not any(_is_number(values) and values.notna().sum() > 1 for values in columns.values()):
         raise RecordingError(f"expected a column of two numbers or more, got none in {', '.join(columns)}")
     guess = _guess_columns(columns, header.units, header.single)
-    if not guess.muscles and not (guess.input and guess.output):
+    if not guess.muscles:
         guess.machine = choose_machine(guess, machines)
     lines = [
         f"{len(columns)} columns, {' or '.join(map(str, rows))} rows",
@@ -83,8 +85,9 @@ def _guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], s
     constant = {name: float(each[0]) for name, each in numeric.items() if len(each) and (each == each[0]).all()}
     single = {**single, **constant}
     dates = [name for name, values in columns.items() if not _is_number(values) and is_dates(values)]
-    numbers = [name for name, values in columns.items() if _is_number(values) or name in dates]
-    texts = [name for name in columns if name not in numbers]
+    filled = {name: values for name, values in columns.items() if values.notna().any()}
+    numbers = [name for name, values in filled.items() if _is_number(values) or name in dates]
+    texts = [name for name in filled if name not in numbers]
     guess = guess_map(numbers, texts, units, single, sorted(dates, key=lambda each: -columns[each].nunique()))
     if not guess.muscles and not guess.endings:
         _separate_records(guess, columns)
@@ -149,11 +152,11 @@ def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
     if parts:
         arguments += [f"parts.fitted=[{quote(parts[0])}]", f"parts.verification=[{quote(parts[1])}]"]
     if not guess.muscles:
-        roles = {role: [name] for role, name in (("input", guess.input), ("output", guess.output)) if name}
+        roles = {"input": [guess.input or UNTOLD], "output": [guess.output or UNTOLD]}
         if len(guess.signals) == 1 and not guess.left:
             roles = {"input": [FREE], "output": guess.signals}
         kind, named = guess.machine or (SIMPLEST, roles)
-        arguments += [f"plant={kind}", *(_name_signals(key, names) for key, names in named.items() if names)]
+        arguments += [f"plant={kind}", *(_name_signals(key, names or ["null"]) for key, names in named.items())]
     return arguments
 
 
@@ -205,7 +208,7 @@ def _describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -
 
 def _describe_machine(guess: Guess, kind: str, keys: Mapping[str, Key]) -> str:
     """Return the arguments that choose a machine, with its signals as far as they are plain."""
-    needed = {key: count for key, (count, optional, _) in keys.items() if not optional}
+    needed = {key: count for key, (count, optional, *_) in keys.items() if not optional}
     rest = [each for each in guess.signals if each != guess.output]
     told = guess.output is not None and len(rest) == sum(needed.values()) - 1
     named = iter(rest if told else [])
@@ -213,10 +216,11 @@ def _describe_machine(guess: Guess, kind: str, keys: Mapping[str, Key]) -> str:
         named = iter([guess.input])
     arguments = [f"plant={kind}"]
     for key, count in needed.items():
-        signals = [guess.output or "NAME"] if key == "output" else [next(named, "NAME") for _ in range(count)]
+        signals = [guess.output or UNTOLD] if key == "output" else [next(named, UNTOLD) for _ in range(count)]
         argument = _name_signals(key, signals)
         arguments.append(argument if count == 1 else f"'{argument}'")
-    more = [f"plant.{key}=NAME" for key, (_, optional, _) in keys.items() if optional]
+    more = [f"plant.{key}={UNTOLD}" for key, (_, optional, *_) in keys.items() if optional]
+    more += [f"plant.{key}=null" for key, (_, optional, _, nullable) in keys.items() if nullable and not optional]
     return " ".join(arguments) + (f" [{' '.join(more)}]" if more else "")
 
 

@@ -11,7 +11,20 @@ from dataclasses import dataclass, field
 from stages.science.recording.headings import Heading, read_heading
 from stages.science.recording.units import KINDS, end_of, find_kind, own_unit, read_unit
 
-TIMES = ("t", "time", "times", "time_s", "timestamp", "stamp", "zeit", "temps", "elapsed", "date", "datetime")
+TIMES = (
+    "t",
+    "time",
+    "times",
+    "time_s",
+    "timestamp",
+    "stamp",
+    "zeit",
+    "temps",
+    "elapsed",
+    "date",
+    "datetime",
+    "x_value",
+)
 SECONDS = ("sec", "secs", "second", "seconds", "ms", "msec", "us", "usec")
 """Names of a column of time that are its unit as well."""
 RECORDS = ("record", "rec", "run", "trial", "experiment", "exp", "repetition", "rep", "cycle", "segment", "test", "nr")
@@ -34,8 +47,9 @@ MUSCLES = {
 }
 FIELD = re.compile(r"^\w+(?:\.\w+)*\.([A-Za-z]\w*)$")
 """A field of a struct, whose last name tells."""
-Key = tuple[int, bool, tuple[str, ...]]
-"""Of a key of a machine: how many signals it names, whether it may be null, by what quantities it is known."""
+Key = tuple[int, bool, tuple[str, ...], bool]
+"""Of a key of a machine: how many signals it names, whether it may be left out, by what quantities it is known, and
+whether it is null where there is none."""
 RATIOS = re.compile(r"(^|_)(contraction|strain|stretch)$")
 """Names of ratios of lengths, which need no unit."""
 COMMANDED = re.compile(r"command|cmd|ref|set|target|desired")
@@ -78,22 +92,30 @@ class Guess:
 def choose_machine(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -> tuple[str, dict[str, list[str]]] | None:
     """Return the kind of machine that most of the measured quantities belong to, with the signals of its keys.
 
-    Signals that are commanded, not measured, are none of them. None where no machine has all that it needs.
+    Of a key's quantities the first is the likeliest. A signal that is commanded is none of them where one of its kind
+    is measured. A key that has to be null has no signals. None where no machine has all that it needs, or none answers
+    by the signal that does.
     """
+    kinds = {each: None if each in guess.assumed else find_kind(own_unit(each)) for each in guess.signals}
+    measured = {kinds[each] for each in guess.signals if not COMMANDED.search(each)}
+    usable = [each for each in guess.signals if not COMMANDED.search(each) or kinds[each] not in measured]
     found = []
     for kind, keys in machines.items():
-        free = [each for each in guess.signals if not COMMANDED.search(each)]
-        named: dict[str, list[str]] = {}
-        for key, (count, optional, quantities) in keys.items():
-            fitting = [each for wanted in quantities for each in free if find_kind(own_unit(each)) == wanted]
-            if len(fitting) < count and not optional:
+        free, named, lacking, unlikely = usable, dict[str, list[str]](), 0, 0
+        for key, (count, optional, quantities, nullable) in keys.items():
+            fitting = [each for wanted in quantities for each in free if kinds[each] == wanted]
+            if len(fitting) < count and not (optional or (nullable and quantities)):
                 break
-            named[key] = fitting[:count]
-            free = [each for each in free if each not in named[key]]
+            lacking += len(fitting) < count and not optional
+            if fitting or not optional:
+                named[key] = fitting[:count]
+            unlikely += sum(quantities.index(str(kinds[each])) for each in fitting[:count])
+            free = [each for each in free if each not in fitting[:count]]
         else:
-            used = sum(map(len, named.values()))
-            found.append((-used, sum(optional for _, optional, _ in keys.values()), kind, named))
-    return min(found)[2:] if found else None
+            used, more = sum(map(len, named.values())), sum(optional for _, optional, _, _ in keys.values())
+            if guess.output in (None, *named["output"]):
+                found.append((-used, lacking, more, unlikely, kind, named))
+    return min(found)[4:] if found else None
 
 
 def pair_parts(names: Sequence[str]) -> tuple[str, ...]:

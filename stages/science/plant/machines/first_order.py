@@ -105,7 +105,7 @@ class FirstOrder(RecordPlant):
     TERMS: ClassVar = LagTerms
     FREE: ClassVar[bool] = True
     QUANTITIES: ClassVar = {
-        "input": ("voltage", "current"),
+        "input": ("voltage", "current", "torque"),
         "output": ("length", "temperature", "pressure", "angular velocity", "velocity", "flow"),
     }
     WATCHED: ClassVar[tuple[str, str]] = ("level", "rate of level")

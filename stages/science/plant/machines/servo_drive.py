@@ -38,6 +38,8 @@ class ServoDrive(MotionPlant):
     drifts: ClassVar[bool] = True
     FILTER: ClassVar[float] = 0.03
 
+    QUANTITIES: ClassVar = {"force": ("torque", "current"), "output": ("angle", "length")}
+
     kind: Literal["servo_drive"]
     force: str
     constants: DriveConstants

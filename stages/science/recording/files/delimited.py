@@ -299,7 +299,8 @@ def _find_heads(
     heads: list[list[str]] = []
     separator, decimal = signs
     for line in reversed(lines):
-        bare = line[found.end() :] if (found := COMMENT.match(line)) else line
+        found = None if separator and line.startswith(separator) else COMMENT.match(line)
+        bare = line[found.end() :] if found else line
         row = _split_head(bare, separator, width, ended)
         above_units = len(heads) == 1 and _count_units(heads[0]) == 1.0  # where channels may be but numbered
         names = row[:1] if row and above_units else row
