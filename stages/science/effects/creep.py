@@ -68,8 +68,14 @@ EFFECT = ChainEffect(
 )
 
 
+def _yield(bench: Bench, tau_s: float, begun: float) -> Array:
+    """Return where a slow element is that is a way off its rest at the beginning."""
+    since = bench.step_s * np.arange(len(bench.along))[:, None]
+    return lag(bench.along, tau_s, bench.step_s) + begun * np.exp(-since / tau_s)
+
+
 def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
-    held = bench.along - lag(bench.along, parameters["paces"] * bench.time_scale_s, bench.step_s)
+    held = bench.along - _yield(bench, parameters["paces"] * bench.time_scale_s, parameters["begun"])
     return answer + parameters["share"] * held
 
 
@@ -79,6 +85,7 @@ YIELDING_ELEMENT = ElementEffect(
     parameters=(
         Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "slow stiffness over the answer's scale", (0.1, -0.1)),
         Parameter("paces", "1", 0.02, 20.0, 1.0, 1.0, "time in which it yields, over the pace", (0.2, 1.0, 4.0)),
+        Parameter("begun", "1", -1.0, 1.0, 0.0, 0.3, "way off its rest at the beginning, scales", (0.0,)),
     ),
     source=EFFECT.source,
     signature="the answer goes on changing after motion has ended",
@@ -90,7 +97,7 @@ YIELDING_ELEMENT = ElementEffect(
 
 def _apply_two_branches_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     tau_s = parameters["paces"] * bench.time_scale_s
-    slow, slower = (lag(bench.along, tau_s * ratio, bench.step_s) for ratio in (1.0, parameters["ratio"]))
+    slow, slower = (_yield(bench, tau_s * ratio, parameters["begun"]) for ratio in (1.0, parameters["ratio"]))
     return answer + parameters["share"] * (bench.along - 0.5 * (slow + slower))
 
 
@@ -101,6 +108,7 @@ TWO_BRANCHES_ELEMENT = replace(
         YIELDING_ELEMENT.parameters[0],
         replace(YIELDING_ELEMENT.parameters[1], starts=(0.2, 1.0)),
         Parameter("ratio", "1", 3.0, 100.0, 10.0, 10.0, "slower over slow time constant", (8.0,)),
+        YIELDING_ELEMENT.parameters[2],
     ),
     source=(
         "Ferry, Viscoelastic properties of polymers, 3rd edition (1980), chapter 3: a row of Maxwell elements relaxes "

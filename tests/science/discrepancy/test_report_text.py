@@ -87,7 +87,11 @@ MANY = "So many names in one channel may stand in for one effect"
             ["an oscillation at 49.9 Hz runs through all trials"],
             ["flexible model"],
         ),
-        (CLEAN, ["(probability 0.80)", "in its worst channel it is at most 1.05 times the floor"], ["Suspected"]),
+        (
+            CLEAN,
+            ["with probability 0.80: on", "in its worst channel it is at most 1.05 times the floor"],
+            ["Suspected"],
+        ),
     ],
 )
 def test_a_verdict_says_what_its_numbers_say(verdict, said, unsaid):

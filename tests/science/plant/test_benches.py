@@ -107,7 +107,7 @@ def test_an_element_that_is_not_moved_is_refused():
 @pytest.mark.parametrize("machine", LAWS)
 def test_an_amended_bench_reads_back(machine):
     plant = settle(machine)
-    values = {"share": 0.1, "paces": 1.5}
+    values = {"share": 0.1, "paces": 1.5, "begun": 0.4}
     amended = plant.amend(plant.starts | LAWS[machine][0], [("creep", "element", values)])
     again = read_machine(amended.model_dump())
     given = simulate(again, SIGNALS, again.starts)

@@ -43,7 +43,11 @@ NO_OTHER = "expected another signal than those it is told from, got "
         ("static_map", {"output": "position_m"}, NO_OTHER),
         ("static_map", {"kind": "static_mpa"}, "did you mean 'static_map'"),
         ("static_map", {"effects": [{"name": "leakage", "per_s": 1.0}]}, "does not act at an element"),
-        ("static_map", {"effects": [{"name": "creep", "share": 0.1, "paces": 1.0}] * 2}, "each name once"),
+        (
+            "static_map",
+            {"effects": [{"name": "creep", "share": 0.1, "paces": 1.0, "begun": 0.0}] * 2},
+            "each name once",
+        ),
         ("static_map", {"constants": {"k": LONE | {"high": None}}}, "null for all"),
         ("static_map", {"constants": {"k": LONE | {"sd": None}}}, "null for all of them"),
         ("static_map", {"constants": {"k": LONE | {"start": 3.0}}}, "expected low <= start <= high"),
