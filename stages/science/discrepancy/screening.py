@@ -11,7 +11,7 @@ from itertools import product
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.output_channels.fitting import Fit
+from stages.science.output_channels.fitting import Fit, find_least
 from stages.science.output_channels.fitting import fit as fit_values
 from stages.science.output_channels.grams import Grams, collect_grams
 from stages.science.output_channels.noise import Noise, make_plain, whiten
@@ -103,19 +103,26 @@ def _try_starts(found: Fit, forms: Sequence[EffectForm]) -> dict[tuple[str, str]
             gain = found.cost(noise) - tried.cost(noise)
             if key not in best or gain > best[key].gain:
                 reached = {each.name: float(v) for each, v in zip(form.parameters, tried.values[known:], strict=True)}
-                confounded = _find_confounded(tried.white.slopes.sum(axis=0), np.flatnonzero(tried.free[:known]), known)
+                total, first = tried.white.slopes.sum(axis=0), float(tried.values[known])
+                confounded = _find_confounded(tried, total, known, known, first)
                 best[key] = Screened(form, reached, gain, share, confounded, tried.values[:known])
     return best
 
 
-def _find_confounded(total: Array, constants: NDArray[np.int_], column: int) -> float:
-    """Return the share of a column's square, of summed products of slopes, that free constants imitate."""
-    size = float(total[column, column])
-    if size <= 0.0:
+def _find_confounded(found: Fit, total: Array, known: int, column: int, size: float) -> float:
+    """Return the share of a column's square, of summed products of slopes, that free values imitate within bounds.
+
+    The values are those of a fit that were `known`; the column has a size.
+    """
+    square = size**2 * float(total[column, column])
+    if square <= 0.0:
         return 1.0
-    shared, among = total[constants, column], total[np.ix_(constants, constants)]
-    firm = among + 1e-9 * np.diag(np.maximum(np.diag(among), 1e-300))  # a constant may do nothing in these data
-    return 1.0 - max(size - float(shared @ np.linalg.solve(firm, shared)), 0.0) / size
+    free = np.flatnonzero(found.free[:known])
+    (low, high), sd = found.model.bounds, found.model.prior[1]
+    room = (low - found.values)[free], (high - found.values)[free]
+    shared, among = size * total[free, column], total[np.ix_(free, free)]
+    change = find_least(among, shared, sd[free], *room)
+    return 1.0 - max(square - float(change @ (2.0 * shared - among @ change)), 0.0) / square
 
 
 def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, float, float]:
@@ -131,9 +138,10 @@ def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, 
     size = total[-1, -1]
     if size <= 0.0:  # it changes nothing in these data
         return 0.0, 0.0, 1.0
-    confounded = _find_confounded(total, np.arange(len(free)), len(free))
     curvature = total + np.diag(precision) + np.diag(np.append(np.zeros(len(free)), 1e-9 * size))
     whole = np.linalg.solve(curvature, cross.sum(axis=0) + pull)
+    scale = float(whole[-1]) if whole[-1] > 0.0 or signed else 1.0
+    confounded = _find_confounded(fit, grams.slopes.sum(axis=0), len(fit.values), column, scale)
     if whole[-1] <= 0.0 and not signed:
         return 0.0, 0.0, confounded
     changes = np.stack(

@@ -21,6 +21,7 @@ from stages.science.discrepancy.fitted_channel import (
 )
 from stages.science.discrepancy.naming import Choice, Named, Round, is_worth, list_candidates, rank
 from stages.science.discrepancy.settings import SearchSettings
+from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.output_channel import list_starts
@@ -47,7 +48,27 @@ class Search:
 
 
 def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator: np.random.Generator) -> Search:
-    """Name and add effects to prepared outputs until none is worth it; the generator draws other starts of fits."""
+    """Name and add effects to prepared outputs until none is worth it; the generator draws other starts of fits.
+
+    A name that others are like may stand for two of them: in a single output that is searched without it too.
+    """
+    found = _search(outputs, settings, generator)
+    if len(outputs) > 1 or not any(each.alternatives for each in found.named[:1]):
+        return found
+    without = settings.model_copy(update={"left_out": [*settings.left_out, found.named[0].name]})
+    other = _search(outputs, without, generator.spawn(1)[0])
+    (now,), (then,) = ([state.current for state in each.outputs] for each in (found, other))
+    if len(other.named) < 2 or not is_worth(outputs[0], now.raw, then.raw, settings):
+        return found
+    best = compare_by(outputs[0].output, then.residual, settings.largest_jitter)
+    gain = min(best.score(then.residual) - best.score(now.residual), settings.most_evidence)
+    doubt = float(np.exp(-max(gain + np.log(settings.family_prior), 0.0)))
+    other.named = [replace(each, probability=min(each.probability, 1.0 - doubt)) for each in other.named]
+    other.rounds.insert(0, found.rounds[0])
+    return other
+
+
+def _search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator: np.random.Generator) -> Search:
     found = Search(list(outputs))
     found.steps.append([state.nominal for state in outputs])
     while len(found.named) < settings.most_effects:

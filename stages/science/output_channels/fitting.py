@@ -159,7 +159,7 @@ class Fit:
         scaled = scaled + firm[:, None, None] * np.eye(len(free))
         least = np.linalg.solve(scaled, (gradient * sd[free])[:, :, None])[:, :, 0] * sd[free]
         for row in np.flatnonzero(((least < room[0]) | (least > room[1])).any(axis=1)):
-            least[row] = _find_least(curvature[row], gradient[row], sd[free], *room)
+            least[row] = find_least(curvature[row], gradient[row], sd[free], *room)
         changes[:, free] = least
         return changes
 
@@ -237,10 +237,10 @@ def _bounded_step(white: Grams, pull: Array, precision: Array, low: Array, high:
     """Return the step to the minimum of the quadratic model within bounds, with Levenberg-Marquardt damping."""
     curvature = white.slopes.sum(axis=0) + np.diag(precision)
     curvature = curvature + damping * np.diag(np.diag(curvature))
-    return _find_least(curvature, white.cross.sum(axis=0) + pull, 1.0 / np.sqrt(precision), low, high)
+    return find_least(curvature, white.cross.sum(axis=0) + pull, 1.0 / np.sqrt(precision), low, high)
 
 
-def _find_least(curvature: Array, gradient: Array, scale: Array, low: Array, high: Array) -> Array:
+def find_least(curvature: Array, gradient: Array, scale: Array, low: Array, high: Array) -> Array:
     """Return the minimiser of half x' curvature x - gradient' x within bounds; `scale` conditions the problem.
 
     Clipping each value at its own bound would be wrong, as values that the data hardly distinguish move together.

@@ -164,8 +164,7 @@ def _integrate(
                 shift = math.floor(-late[column])
                 _look(drive, column, at + int(shift), -late[column] - shift, limit[column], drives, k)
                 if varies:
-                    for m in range(fine + 1):
-                        holds[m, k] = hold[column, at + m]
+                    _look(hold, column, at + int(shift), -late[column] - shift, np.inf, holds, k)
             for i in range(substeps):
                 _advance(state, drives, holds, constants, h, 2 * i, lanes, rubs)
             for k in range(width):
@@ -210,7 +209,7 @@ def integrate(
         Time between samples over the pace; steps of the classical Runge-Kutta rule in it, whose error is some 1e-5 with
         a fifth of a pace each.
     late, offset : (K,) ndarray
-        By which the drive acts, samples, maybe negative; what the sensor adds after all, scales: its ends are readings
+        By which drive and hold act, samples, maybe negative; what the sensor adds after all, scales: its ends are readings
         with it, and motions are told without.
     held : bool
         Whether a drive that lags is one that stays from instant to instant.
@@ -226,6 +225,8 @@ def integrate(
     if told["drive_lag"].any():  # what lags is unknown at first: the motion is taken to begin in balance
         balance = hold[:, 0] * start[0] + told["damping"] * start[1]
         drive = _follow(drive, told["drive_lag"], balance, 0.5 * h, held)
+        if hold.shape[1] > 1:
+            hold = _follow(hold, told["drive_lag"], hold[:, 0], 0.5 * h, held)
     drive, hold, start = (np.ascontiguousarray(each) for each in (drive, hold, start))
     moved = _integrate(drive, hold, start, table, limit, late, h, substeps)
     moved = moved + told["sensor_offset"]
