@@ -413,11 +413,20 @@ def is_worth(state: FittedChannel, without: Array, having: Array, settings: Sear
     """Return whether an effect takes enough of an output's gap, by squares (K,) that fits without and with it leave.
 
     Enough is a share of the first gap above the floor or, where that is more than one floor and than a share of what is
-    left, the larger of these: the first gap may be one beside which all is small.
+    left, the larger of these: the first gap may be one beside which all is small. No trial counts for more than all
+    others together.
     """
-    before, after, first = (state.ratio(each, having) for each in (without, having, state.nominal.raw))
+    before, after, first = (state.ratio(each, having) for each in (_level(without, having), having, state.nominal.raw))
     needed = min(settings.least_share * (first - 1.0), max(1.0, settings.least_rest * before))
     return before - after > max(settings.unexplained_share * (settings.smallest_gap - 1.0), needed)
+
+
+def _level(without: Array, having: Array) -> Array:
+    """Return the squares, (K,), of a fit without an effect, where no trial gains more by it than all others together."""
+    gain = without - having
+    most = int(np.argmax(gain))
+    gain[most] = min(gain[most], max(float(gain.sum() - gain[most]), 0.0))
+    return having + gain
 
 
 def _carriers(
@@ -443,7 +452,7 @@ def _carriers(
         without, having = state.current.raw, fitted.raw
         if mapped and state.output.jitters and (name, forms[place]) in left[place].beside:
             without, having = (left[place].beside[key] for key in ((NONE, ""), (name, forms[place])))
-        before = state.ratio(without, having)
+        before = state.ratio(_level(without, having), having)
         if is_worth(state, without, having, settings):
             gains[place] = before
         elif _is_shown(state, fitted):
