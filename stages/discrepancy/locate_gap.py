@@ -104,7 +104,7 @@ GAP = Table(
         "gap": column(float, "root mean square of measured less simulated", unit="of the channel", low=0),
         "noise_floor": column(float, "the same, of what a flexible model leaves", unit="of the channel", low=0),
         "largest": column(float, "deviation that one sample in a hundred exceeds", unit="of the channel", low=0),
-        "share_of_gap": column(float, "share of the channel's squared gap above the noise floor"),
+        "share_of_gap": column(float, "share of the channel's squared gap", low=0, high=1.001),
         "p_value": column(float, "of no gap above the floor, signs of trials flipped", low=0, high=1),
         "p_least": column(float, "least p-value that so many trials can give", low=0, high=1),
         "p_adjusted": column(float, "corrected for all rows (Benjamini, Yekutieli)", low=0, high=1),
@@ -168,7 +168,7 @@ def locate_gap(cfg: Config, tables: MeasuredTables, ctx: Context) -> dict[str, p
     ctx.figure(
         "gap_map",
         draw_gap_map(gap, channels, settings.significance),
-        "Where the gap lies: share of the squared gap above the floor (%) by regime; regimes overlap. Full dot: trials "
+        "Where the gap lies: share of the squared gap (%) by regime; regimes overlap. Full dot: trials "
         "confirm it after correction for all looks; ring: without correction.",
     )
     ctx.figure(

@@ -33,7 +33,7 @@ from stages.science.recording.clock import count_time, find_rate, regularise
 from stages.science.recording.column_map import ColumnMap, is_one_trial, join_parts
 from stages.science.recording.columns import RecordingError, check_rows, name_rows
 from stages.science.recording.datasets import find_starts, list_trials
-from stages.science.recording.description import describe, list_arguments, quote
+from stages.science.recording.description import UNTOLD, describe, list_arguments, quote
 from stages.science.recording.files.bags import is_bag
 from stages.science.recording.files.readers import (
     FileError,
@@ -234,7 +234,9 @@ def describe_file(path: InputPath) -> list[str]:
         lines, guess = describe(read_columns(file), header, USUAL_JITTER, list_signals())
     kind = [] if guess.muscles else ["measurement=records"]
     told = [f"measured={quote(path)}", *kind, *list_arguments(guess, DEFAULT_NAMES[guess.muscles]), "plan=true"]
-    last = "to see how it would be read (complete it with what is not told; plan=true writes nothing):"
+    open_places = any(UNTOLD in each for each in told)
+    hint = f"put what it is in place of {UNTOLD}; " if open_places else ""
+    last = f"to see how it would be read ({hint}plan=true writes nothing; without it, it runs):"
     return [f"{file}: {lines[0]}", *lines[1:], "", last, f"  {command_line(['workflow=discrepancy', *told])}"]
 
 

@@ -45,7 +45,7 @@ def check_verdict(verdict, muscles):
         assert place["muscle"] in muscles
         assert place["regime"]
         check_numbers(place, "p_value", low=1e-4, high=1.0)
-        check_numbers(place, "share_of_gap", low=-np.inf)
+        check_numbers(place, "share_of_gap", low=0.0, high=1.0)
     gap, trials = verdict["gap"], verdict["verification_trials"]
     check_numbers(gap, "before", "after", "noise_floor", "low", "high")
     assert gap["low"] <= gap["after"] <= gap["high"]

@@ -43,7 +43,7 @@ def locate(
 def _locate_in(state: FittedChannel, settings: RegimeSettings, generator: np.random.Generator) -> list[dict[str, Any]]:
     output, nominal = state.output, state.nominal.fit.residual
     least = np.where(output.present, state.leftover.residual, 0.0)
-    whole = float((nominal**2 - least**2).sum())
+    whole = float((nominal**2 * output.present).sum())
     regimes = {"everywhere": output.present, **_find_regimes(output, settings.around_reversal)}
     looks = [(name, mask, mask.sum(axis=0), nominal, least) for name, mask in regimes.items()]
     bands = [_split_bands(each, settings.band_edges, output.step_s, output.time_scale_s) for each in (nominal, least)]
@@ -64,7 +64,7 @@ def _locate_in(state: FittedChannel, settings: RegimeSettings, generator: np.ran
                 "gap": float(np.sqrt((gap**2 * mask).sum() / max(samples, 1))),
                 "noise_floor": float(np.sqrt((rest**2 * mask).sum() / max(samples, 1))),
                 "largest": float(np.quantile(np.abs(gap[mask]), settings.largest_quantile)) if samples else 0.0,
-                "share_of_gap": float(excess.sum() / whole) if whole > 0.0 else 0.0,
+                "share_of_gap": float((gap**2 * mask).sum() / whole) if whole > 0.0 else 0.0,
             }
         )
     p = compare_signs(np.column_stack(columns), generator)

@@ -412,17 +412,16 @@ def _decide(
 def is_worth(state: FittedChannel, without: Array, having: Array, settings: SearchSettings) -> bool:
     """Return whether an effect takes enough of an output's gap, by squares (K,) that fits without and with it leave.
 
-    Enough is a share of the first gap above the floor or, where that is more than one floor and than a share of what is
-    left, the larger of these: the first gap may be one beside which all is small. No trial counts for more than all
-    others together.
+    Enough is a share of the first gap above the floor or, where that is less, of what is left: the first gap may be one
+    beside which all is small. No trial counts for more than all others together.
     """
     before, after, first = (state.ratio(each, having) for each in (_level(without, having), having, state.nominal.raw))
-    needed = min(settings.least_share * (first - 1.0), max(1.0, settings.least_rest * before))
+    needed = min(settings.least_share * (first - 1.0), settings.least_rest * before)
     return before - after > max(settings.unexplained_share * (settings.smallest_gap - 1.0), needed)
 
 
 def _level(without: Array, having: Array) -> Array:
-    """Return the squares, (K,), of a fit without an effect, where no trial gains more by it than all others together."""
+    """Return the squares, (K,), of a fit without an effect, by which no trial gains more than all others together."""
     gain = without - having
     most = int(np.argmax(gain))
     gain[most] = min(gain[most], max(float(gain.sum() - gain[most]), 0.0))

@@ -164,12 +164,12 @@ def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) ->
     if first["share_of_gap"] < concentrated * first["share_of_time"]:
         return f"{text}, in no regime of motion more than in others."
     whose = f"{first['muscle']}: " if len(rows) > 1 else ""
-    share, regime = min(float(first["share_of_gap"]), 1.0), str(first["regime"])
+    share, regime = float(first["share_of_gap"]), str(first["regime"])
     motion = regime.endswith(("shortening", "lengthening", "rising", "falling"))
     where_to = "" if regime.startswith(("early", "late")) else "while " if motion else "at "
     return (
-        f"{text}, most of all {where_to}{regime} ({whose}{_percent(share)} of the gap in "
-        f"{_percent(first['share_of_time'])} of the time)."
+        f"{text}, most of all {where_to}{regime} ({whose}{_percent(share)} of the squared gap "
+        f"in {_percent(first['share_of_time'])} of the time)."
     )
 
 

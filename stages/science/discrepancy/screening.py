@@ -9,7 +9,6 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
-from numpy.typing import NDArray
 
 from stages.science.output_channels.fitting import Fit, find_least
 from stages.science.output_channels.fitting import fit as fit_values

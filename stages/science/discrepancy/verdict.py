@@ -60,7 +60,7 @@ def locate_most(
     rows = rows[~rows["regime"].str.contains("Hz") & (rows["share_of_time"] > 0.0)]
     if rows.empty:
         return []
-    dense = rows["share_of_gap"].clip(lower=0.0) * (rows["share_of_gap"] / rows["share_of_time"])
+    dense = rows["share_of_gap"] ** 2 / rows["share_of_time"]
     rows = rows.assign(dense=dense.where(rows["p_adjusted"] <= settings.significance, dense * 1e-3))
     best = rows.sort_values("dense", ascending=False).groupby(place, sort=False).head(1)
     best = best.sort_values("gap_over_floor", ascending=False).head(settings.report.most_places)

@@ -62,7 +62,7 @@ HARDENING_ELEMENT = ElementEffect(
         Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "at one scale from the middle over the answer's", (0.1, -0.1)),
     ),
     source=EFFECT.source,
-    signature="the answer errs by a cubic of position, the same in both directions",
+    signature="the answer errs by a cubic of what moves it, the same in both directions",
     split_by="a slow sweep over the whole range",
     relatives=("saturation",),
     apply=_apply_to_element,

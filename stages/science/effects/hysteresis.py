@@ -116,7 +116,7 @@ SLIDING_ELEMENT = ElementEffect(
         Parameter("width", "1", 0.005, 2.0, 0.2, 0.3, "way in which it turns, over the way's scale", (0.03, 0.15, 0.6)),
     ),
     source=EFFECT.source,
-    signature="the answer to the same position differs by the way that led there, at any speed",
+    signature="the answer at the same place of its path differs by the way that led there, at any pace",
     split_by="the same loop at three speeds, and small loops inside it",
     relatives=("coulomb_friction", "creep"),
     apply=_apply_stops_to_element,
@@ -139,7 +139,7 @@ TWO_PLAYS_ELEMENT = replace(
         PLAYING_ELEMENT.parameters[0],
         replace(PLAYING_ELEMENT.parameters[1], starts=(0.15, 0.6)),
         PLAYING_ELEMENT.parameters[2],
-        Parameter("second_ratio", "1", 0.0, 3.0, 0.0, 1.0, "height of another slider over the first's", (0.5,)),
+        Parameter("second_ratio", "1", -3.0, 3.0, 0.0, 1.0, "height of another slider over the first's", (0.5, -0.5)),
         Parameter("second_width", "1", 0.005, 2.0, 0.5, 0.5, "way in which that turns", (0.4, 0.8)),
     ),
     source=(

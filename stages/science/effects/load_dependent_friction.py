@@ -30,7 +30,7 @@ EFFECT = ElementEffect(
     name="load_dependent_friction",
     form="element",
     parameters=(
-        Parameter("share", "1", -5.0, 5.0, 0.0, 0.5, "friction at full load over the answer's scale", (0.1, -0.1)),
+        Parameter("share", "1", -5.0, 5.0, 0.0, 0.5, "what full load adds, over the answer's scale", (0.1, -0.1)),
         Parameter("sliding", "1", 0.002, 1.0, 0.05, 0.05, "rate at which it slides, scales per pace", (0.02, 0.2)),
         Parameter("unloaded", "1", 0.0, 2.0, 0.2, 0.5, "friction without load over what full load adds", (0.1,)),
     ),

@@ -54,7 +54,7 @@ def draw_gap_bars(channels: pd.DataFrame, smallest_gap: float) -> Figure:
 
 
 def draw_gap_map(gap: pd.DataFrame, channels: pd.DataFrame, level: float) -> Figure:
-    """Draw each regime's share of the gap above the floor; a dot marks those that trials confirm after correction.
+    """Draw each regime's share of the squared gap; a dot marks those that trials confirm after correction.
 
     A ring marks those that do so without it, at a level of significance. The gap has columns channel, muscle, regime,
     share_of_time, share_of_gap, p_value and p_adjusted; channels have channel, muscle and gap_over_floor.
@@ -83,9 +83,9 @@ def draw_gap_map(gap: pd.DataFrame, channels: pd.DataFrame, level: float) -> Fig
                 axis.text(column, row, told, ha="center", va="center", color=tone, fontsize=8)
         axis.set_xticks(range(len(regimes)), regimes, rotation=35, ha="right", fontsize=8)
         axis.set_yticks(range(len(muscles)), [f"{each} ({over.get(each, np.nan):.2f})" for each in muscles])
-        axis.set_title(f"{shorten(channel)}: muscle (gap over floor) by regime", loc="left", fontsize=10)
+        axis.set_title(f"{shorten(channel)}, by regime; in brackets the gap over the floor", loc="left", fontsize=10)
     bar = figure.colorbar(image, ax=list(panels[:, 0]), shrink=0.8, pad=0.01)
-    bar.set_label("share of the gap\nabove the floor (%)")
+    bar.set_label("share of the squared gap (%)")
     return figure
 
 

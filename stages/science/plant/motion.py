@@ -209,8 +209,8 @@ def integrate(
         Time between samples over the pace; steps of the classical Runge-Kutta rule in it, whose error is some 1e-5 with
         a fifth of a pace each.
     late, offset : (K,) ndarray
-        By which drive and hold act, samples, maybe negative; what the sensor adds after all, scales: its ends are readings
-        with it, and motions are told without.
+        By which drive and hold act, samples, maybe negative; what the sensor adds after all, scales: its ends are
+        readings with it, and motions are told without.
     held : bool
         Whether a drive that lags is one that stays from instant to instant.
     """

@@ -197,7 +197,11 @@ def _describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -
         if signal is None and (len(guess.signals) > 1 or (guess.signals and guess.left)) and guess.machine is None:
             lines.append(f"which signal {does}: plant.{key}=NAME, of {', '.join(guess.signals)}")
     chosen = guess.machine[0] if guess.machine else SIMPLEST
-    others = [_describe_machine(guess, kind, keys) for kind, keys in machines.items() if kind != chosen]
+    others = [
+        _describe_machine(guess, kind, keys)
+        for kind, keys in machines.items()
+        if kind != chosen and (guess.left or _count_needed(keys) <= max(len(guess.signals), 2))
+    ]
     why = ", by its quantities" if guess.machine else ""
     return [
         *lines,
@@ -206,13 +210,18 @@ def _describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -
     ]
 
 
+def _count_needed(keys: Mapping[str, Key]) -> int:
+    """Return how many signals a machine takes at least."""
+    return sum(count for count, optional, *_ in keys.values() if not optional)
+
+
 def _describe_machine(guess: Guess, kind: str, keys: Mapping[str, Key]) -> str:
     """Return the arguments that choose a machine, with its signals as far as they are plain."""
     needed = {key: count for key, (count, optional, *_) in keys.items() if not optional}
     rest = [each for each in guess.signals if each != guess.output]
-    told = guess.output is not None and len(rest) == sum(needed.values()) - 1
+    told = guess.output is not None and len(rest) == _count_needed(keys) - 1
     named = iter(rest if told else [])
-    if not told and guess.input and sum(needed.values()) == 2:
+    if not told and guess.input and _count_needed(keys) == 2:
         named = iter([guess.input])
     arguments = [f"plant={kind}"]
     for key, count in needed.items():

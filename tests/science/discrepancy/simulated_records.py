@@ -49,13 +49,14 @@ def drive(seed, coulomb=0.0, viscous=0.0, held=False, noise=2e-5, samples=3000, 
 
 
 def at(signal, k, i):
-    """A signal some fine steps after a sample, on the straight line to the next."""
+    """A signal some fine steps after a sample, or before the first as it was then, on the straight line to the next."""
+    k, i = divmod(max(k * FINE + i, 0), FINE)
     return signal[k] + i / FINE * (signal[min(k + 1, len(signal) - 1)] - signal[k])
 
 
-def integrate(pull, samples, step_s):
+def integrate(pull, samples, step_s, start=0.0):
     """The places of what starts at rest and is accelerated by `pull(k, i, x, v)`."""
-    places, x, v = np.empty(samples), 0.0, 0.0
+    places, x, v = np.empty(samples), start, 0.0
     for k in range(samples):
         places[k] = x
         for i in range(FINE):
@@ -80,14 +81,14 @@ def lag(seed, asymmetry=0.0, fastest=np.inf, noise=0.3, samples=3000, step_s=0.0
     return {"command_v": command, "pressure_kpa": pressure}, step_s
 
 
-def joint(seed, coulomb=0.0, noise=5e-4, samples=3000, step_s=0.01):
-    """A joint between two muscles, all over its inertia; dry friction in rad/s2."""
+def joint(seed, coulomb=0.0, late=0, noise=5e-4, samples=3000, step_s=0.01):
+    """A joint between two muscles, all over its inertia; dry friction in rad/s2, air that is late by some samples."""
     generator = np.random.default_rng(seed)
     differ, both = 60.0 * wander(generator, samples, 120), 30.0 * wander(generator, samples, 400)
     raising, lowering = 200.0 + differ + both, 200.0 - differ + both
 
     def turn(k, i, x, v):
-        up, down = at(raising, k, i), at(lowering, k, i)
+        up, down = at(raising, k - late, i), at(lowering, k - late, i)
         return 0.5 * (up - down) + 1.0 - (20.0 + 0.1 * (up + down)) * x - 4.0 * v - coulomb * rub(v, 1e-2)
 
     angle = integrate(turn, samples, step_s) + noise * generator.standard_normal(samples)
@@ -100,6 +101,19 @@ def pendulum(seed, noise=2e-3, samples=1600, step_s=0.02):
     pushed = 5.0 * wander(generator, samples, 40)
     angle = integrate(lambda k, i, x, v: at(pushed, k, i) - 25.0 * np.sin(x) - 0.8 * v, samples, step_s)
     return {"drive_v": pushed, "response_v": angle + noise * generator.standard_normal(samples)}, step_s
+
+
+def release(seed, coulomb=0.35, noise=1e-3, samples=300, step_s=0.02):
+    """A pendulum of 6 rad/s that is let go from three angles, one after the other; dry friction in rad/s2."""
+    generator = np.random.default_rng(seed)
+
+    def fall(k, i, x, v):
+        return -36.0 * np.sin(x) - 0.06 * v - coulomb * rub(v, 1e-2)
+
+    told = [integrate(fall, samples, step_s, start) for start in (0.44, 0.31, 0.38)]
+    angles = [each + noise * generator.standard_normal(samples) for each in told]
+    both = [tabulate({"angle_rad": each}, step_s, name, 3) for name, each in zip("abc", angles, strict=True)]
+    return tuple(pd.concat(tables, ignore_index=True) for tables in zip(*both, strict=True))
 
 
 def belt(seed, noise=0.02, samples=1500, step_s=0.02):

@@ -18,6 +18,7 @@ from tests.science.discrepancy.simulated_records import (
     joint,
     lag,
     pendulum,
+    release,
     shake,
     tabulate,
 )
@@ -33,6 +34,7 @@ SIZES = {
     "cubic_stiffness": lambda its, plant: its["share"] / plant.output_scale**2,
     "actuator_lag": lambda its, plant: its["paces"] * plant.time_scale_s,
     "sign_blind_sensor": lambda its, plant: its["share"],
+    "transport_delay": lambda its, plant: its["periods"] * 2.0 * np.pi * plant.time_scale_s,
 }
 """What the parameters of an effect say in the machine's own units."""
 
@@ -46,6 +48,10 @@ PLANTED = {
     "the rate limit of a lag": ((lag, {"fastest": 2.5, "samples": 2000}), {"valve_rate_limit": approx(250, rel=0.05)}),
     "dry friction of a joint": ((joint, {"coulomb": 2.0, "samples": 2000}), {"coulomb_friction": approx(2.0, rel=0.1)}),
     "the softening spring of a pendulum": ((pendulum, {}), {"cubic_stiffness": approx(-1.0 / 6.0, rel=0.15)}),
+    "the late air of a joint": (
+        (joint, {"late": 8, "samples": 2000}),
+        {"transport_delay": approx(0.08, abs=0.002), "stiffness": approx(20.0, rel=0.05)},
+    ),
     "the motor of a belt, read without a sign": (
         (belt, {}),
         {"actuator_lag": approx(0.13, rel=0.05), "sign_blind_sensor": approx(1.0, abs=0.02)},
@@ -80,6 +86,20 @@ def test_what_was_planted_is_named_with_its_size(planted):
     found, effects = read_values(state)
     found |= {name: SIZES[name](its, state.output.plant) for name, its in effects.items()}
     assert {name: found[name] for name in expected} == expected
+
+
+@pytest.mark.slow
+def test_two_effects_are_named_where_a_third_alone_is_like_both():
+    """A spring that softens and dry friction are a loop of force and motion, which softens too."""
+    plant = read_plant("second_order", input="nothing", output="angle_rad")
+    found, names = look(build_records(*release(1), plant))
+    (state,) = found.outputs
+    effects = read_values(state)[1]
+    sizes = {name: SIZES[name](its, state.output.plant) for name, its in effects.items()}
+    assert names == ["coulomb_friction", "cubic_stiffness"]
+    assert sizes["coulomb_friction"] == approx(0.35, rel=0.05)
+    assert sizes["cubic_stiffness"] / state.output.plant.time_scale_s**2 == approx(-6.0, rel=0.2)
+    assert state.ratio(state.current.raw) < 1.1
 
 
 @pytest.mark.parametrize("plain", PLAIN)

@@ -108,7 +108,7 @@ class FirstOrder(RecordPlant):
         "input": ("voltage", "current", "torque"),
         "output": ("length", "temperature", "pressure", "angular velocity", "velocity", "flow"),
     }
-    WATCHED: ClassVar[tuple[str, str]] = ("level", "rate of level")
+    WATCHED: ClassVar[tuple[str, str]] = ("output", "rate of output")
 
     kind: Literal["first_order"]
     input: str
