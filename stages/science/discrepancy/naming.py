@@ -43,7 +43,8 @@ PASSES = 2
 """Times that candidates are fitted under the noise of trials that the best of them leaves."""
 
 NEAR_BEST = 1.25
-"""Sum of squares over that of the best form, up to which a form is fitted under its own noise too."""
+"""Sum of squares over that of the best form, up to which a form is fitted under its own noise too, and over that of a
+static map, up to which the map is not clearly better."""
 
 
 @dataclass(frozen=True)
@@ -440,8 +441,8 @@ def _carriers(
 ) -> list[int]:
     """Return the outputs that carry a name: probable, and with a gain that is worth it; none if all are too small.
 
-    A name that is likelier beside a static map has to gain beside it; in parts of one record a movement repeats, and a
-    map of it tells whatever follows from it.
+    A name that is likelier beside a static map has to gain beside it. In parts of one record, where a movement repeats
+    and a map of it tells whatever follows from it, only if the map alone leaves clearly less than the name alone.
     """
     gains = {}
     for place, state in enumerate(outputs):
@@ -449,7 +450,8 @@ def _carriers(
         if fitted is None or carries[place] <= 0.5:
             continue
         without, having = state.current.raw, fitted.raw
-        if mapped and state.output.jitters and (name, forms[place]) in left[place].beside:
+        better = NEAR_BEST * left[place].families[STATIC_MAP].sum() < having.sum()
+        if mapped and (state.output.jitters or better) and (name, forms[place]) in left[place].beside:
             without, having = (left[place].beside[key] for key in ((NONE, ""), (name, forms[place])))
         before = state.ratio(_level(without, having), having)
         if is_worth(state, without, having, settings):
