@@ -117,11 +117,11 @@ def test_the_machines_that_it_may_be_are_told_with_their_signals(look):
     lines = look({"t": time, "u": drive, "way_mm": answer})
     at = lines.index("  which machine it is: plant=second_order is put here; in place of it and its signals may stand")
     input_of = {"cascaded_tanks": "plant.input=drive_v", "first_order": "plant.input=drive_v"}
-    input_of |= {"pam_joint": "'plant.pressures=[NAME,NAME]'", "servo_drive": "plant.force=drive_v"}
-    input_of |= {"static_map": "plant.along=drive_v"}
+    input_of |= {"servo_drive": "plant.force=drive_v", "static_map": "plant.along=drive_v"}
     expected = {f"    plant={name} {told} plant.output=way_m" for name, told in input_of.items()}
     assert expected <= set(lines[at + 1 :])
     assert "    plant=finger plant.along=drive_v plant.output=way_m [plant.against=NAME]" in lines
+    assert not any("plant=pam_joint" in each for each in lines)  # it takes three signals
     assert arguments(lines)[-4:-1] == ["plant=second_order", "plant.input=drive_v", "plant.output=way_m"]
 
 

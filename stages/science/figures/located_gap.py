@@ -9,7 +9,16 @@ import numpy as np
 import pandas as pd
 
 from stages.science.figures.canvas import new_figure
-from stages.science.figures.signal_words import AFTER, BEFORE, DIRECTIONS, MEASURED, STYLES, label, name_panel, shorten
+from stages.science.figures.signal_words import (
+    AFTER,
+    BEFORE,
+    MEASURED,
+    STYLES,
+    label,
+    name_directions,
+    name_panel,
+    shorten,
+)
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -97,7 +106,7 @@ def draw_residual_loops(loops: pd.DataFrame) -> Figure:
     """
     figure, panels = _lay_out(loops, 2.65, 0.6, 2.4)
     for axis, its, channel, muscle in _fill(loops, panels):
-        words = DIRECTIONS.get(channel, {"rising": "rising", "falling": "falling"})
+        words = name_directions(channel, its["variable"].iloc[0])
         for direction, line in its.groupby("direction", sort=False):
             colour, style = STYLES[str(direction)]
             told = words.get(str(direction), "measured")

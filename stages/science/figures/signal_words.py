@@ -2,6 +2,8 @@
 
 from typing import Any
 
+from stages.science.discrepancy.signal_names import name_signal
+
 WORDS = {
     "force_n": "force (N)",
     "contraction": "contraction (1)",
@@ -15,7 +17,6 @@ WORDS = {
     "time_s": "time in the trial (s)",
     "start_s": "time in the session (s)",
 }
-SHORT = {"force_n": "force", "pressure_kpa": "pressure"}
 
 MEASURED, BEFORE, AFTER, QUIET = "#2b2b2b", "#d55e00", "#0072b2", "#9aa5b1"
 """Colours told apart with any colour vision (Okabe and Ito 2008)."""
@@ -25,7 +26,13 @@ DIRECTIONS = {
     "force_n": {"rising": "while shortening", "falling": "while lengthening"},
     "pressure_kpa": {"rising": "after a rise", "falling": "after a fall"},
 }
-"""What they mean in a channel."""
+"""What they mean in a channel of a muscle."""
+
+
+def name_directions(channel: str, variable: str) -> dict[str, str]:
+    """Return what the directions in which a variable is gone through mean in a channel."""
+    plain = {"rising": "rising", "falling": "falling"}
+    return DIRECTIONS.get(channel, plain) if variable in WORDS else plain
 
 
 def name_panel(axis: Any, title: str, x: str) -> None:
@@ -40,12 +47,13 @@ def label(signal: str, channel: str = "", unit: str = "") -> str:
     if signal in ("simulated", "simulated_rate"):
         what = f"simulated {shorten(channel)}"
         return f"{what} ({unit})" if signal == "simulated" else f"rate of {what} ({unit}/s)"
-    return WORDS.get(signal, signal.replace("_", " "))
+    words, unit = name_signal(signal)
+    return WORDS.get(signal, f"{words} ({unit})" if unit else words)
 
 
 def shorten(channel: str) -> str:
     """Return a channel's name without its unit, in words."""
-    return SHORT.get(channel, channel.replace("_", " "))
+    return name_signal(channel)[0]
 
 
 def spell(name: str) -> str:

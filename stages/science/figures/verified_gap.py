@@ -13,11 +13,11 @@ from stages.science.figures.canvas import new_figure
 from stages.science.figures.signal_words import (
     AFTER,
     BEFORE,
-    DIRECTIONS,
     MEASURED,
     QUIET,
     STYLES,
     label,
+    name_directions,
     name_panel,
     shorten,
     spell,
@@ -73,7 +73,7 @@ def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
     muscles = list(traced["muscle"].unique())
     first = traced.iloc[0]
     figure, (panels,) = new_figure(max(5.3, min(10.6, 2.65 * len(muscles) + 0.6)), 3.6, 1, len(muscles))
-    names = DIRECTIONS.get(first["channel"], {"rising": "rising", "falling": "falling"})
+    names = name_directions(first["channel"], first["variable"])
     for axis, muscle in zip(panels, muscles, strict=True):
         for direction, its in traced[traced["muscle"] == muscle].groupby("direction", sort=False):
             colour, style = STYLES[str(direction)]
