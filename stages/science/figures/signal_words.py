@@ -2,8 +2,6 @@
 
 from typing import Any
 
-from stages.science.discrepancy.signal_names import name_signal
-
 WORDS = {
     "force_n": "force (N)",
     "contraction": "contraction (1)",
@@ -17,6 +15,7 @@ WORDS = {
     "time_s": "time in the trial (s)",
     "start_s": "time in the session (s)",
 }
+SHORT = {"force_n": "force", "pressure_kpa": "pressure"}
 
 MEASURED, BEFORE, AFTER, QUIET = "#2b2b2b", "#d55e00", "#0072b2", "#9aa5b1"
 """Colours told apart with any colour vision (Okabe and Ito 2008)."""
@@ -47,13 +46,12 @@ def label(signal: str, channel: str = "", unit: str = "") -> str:
     if signal in ("simulated", "simulated_rate"):
         what = f"simulated {shorten(channel)}"
         return f"{what} ({unit})" if signal == "simulated" else f"rate of {what} ({unit}/s)"
-    words, unit = name_signal(signal)
-    return WORDS.get(signal, f"{words} ({unit})" if unit else words)
+    return WORDS.get(signal, signal.replace("_", " "))
 
 
 def shorten(channel: str) -> str:
     """Return a channel's name without its unit, in words."""
-    return name_signal(channel)[0]
+    return SHORT.get(channel, channel.replace("_", " "))
 
 
 def spell(name: str) -> str:
