@@ -442,19 +442,20 @@ def _carriers(
     """Return the outputs that carry a name: probable, and with a gain that is worth it; none if all are too small.
 
     A name that is likelier beside a static map has to gain beside it. In parts of one record, where a movement repeats
-    and a map of it tells whatever follows from it, only if the map alone leaves clearly less than the name alone.
+    and a map of it tells whatever follows from it, it has to gain alone, and beside a map only if that alone leaves
+    clearly less than the name alone.
     """
     gains = {}
     for place, state in enumerate(outputs):
         fitted = choices[place].get((name, forms[place]))
         if fitted is None or carries[place] <= 0.5:
             continue
-        without, having = state.current.raw, fitted.raw
-        better = NEAR_BEST * left[place].families[STATIC_MAP].sum() < having.sum()
-        if mapped and (state.output.jitters or better) and (name, forms[place]) in left[place].beside:
-            without, having = (left[place].beside[key] for key in ((NONE, ""), (name, forms[place])))
-        before = state.ratio(_level(without, having), having)
-        if is_worth(state, without, having, settings):
+        alone, kept, key = (state.current.raw, fitted.raw), left[place], (name, forms[place])
+        beside = (kept.beside[NONE, ""], kept.beside[key]) if mapped and key in kept.beside else alone
+        better = NEAR_BEST * kept.families[STATIC_MAP].sum() < fitted.raw.sum()
+        judged = [beside] if state.output.jitters else [alone, beside] if better else [alone]
+        before = min(state.ratio(_level(*both), both[1]) for both in judged)
+        if all(is_worth(state, *both, settings) for both in judged):
             gains[place] = before
         elif _is_shown(state, fitted):
             gains[place] = max(before, np.nextafter(settings.smallest_gap, np.inf))
