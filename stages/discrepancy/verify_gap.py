@@ -28,6 +28,7 @@ from stages.science.discrepancy.report_text import (
     describe_remainder,
     describe_scales,
     describe_silent_channels,
+    describe_times,
     describe_uninformative,
     describe_verdict,
 )
@@ -180,6 +181,7 @@ def verify_gap(
         *describe_uninformative(float(driven["gap_over_std"].iloc[last])),
     ]
     remarks = [
+        *describe_times(verdict["effects"], dataset.plant),
         *(describe_scales(dataset.plant) if status == "named" else []),
         *describe_remainder(remainder, status, report),
         *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),

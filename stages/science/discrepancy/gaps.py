@@ -107,7 +107,7 @@ def _split_bands(residual: Array, edges: Sequence[float], step_s: float, time_sc
     for slow, quick in zip([0.0, *edges], [*edges, np.inf], strict=True):
         low, high = slow / time_scale_s, quick / time_scale_s
         inside = (frequency >= low) & (frequency < high)
-        name = f"above {low:g} Hz" if high == np.inf else f"{low:g} to {high:g} Hz"
+        name = f"above {low:.3g} Hz" if high == np.inf else f"{low:.3g} to {high:.3g} Hz"
         parts[name] = np.fft.irfft(spectrum * inside[:, None], n=len(residual), axis=0)
     return parts
 

@@ -22,6 +22,8 @@ FAMILIES = {
 }
 NOT_EFFECTS = ("none", "unknown", *FAMILIES)
 MOST_LISTED = 4
+TIMES = {"paces": 1.0, "paces_late": 1.0, "periods": 2.0 * math.pi}
+"""Parameters that tell a time, and their unit in paces."""
 
 
 def describe_verdict(
@@ -218,6 +220,20 @@ def describe_scales(plant: Plant | RecordPlant) -> list[str]:
         told.append(f"a scale of {words} is {scale:.3g} {unit}".strip())
     told += [f"a pace is {plant.time_scale_s:.3g} s"] if plant.time_scale_s is not None else []
     return [f"Where sizes are told in them, {_join(told)}."] if told else []
+
+
+def describe_times(effects: Sequence[Mapping[str, Any]], plant: Plant | RecordPlant) -> list[str]:
+    """Return in seconds what effects on a machine of records tell in paces."""
+    if not isinstance(plant, RecordPlant) or plant.time_scale_s is None:
+        return []
+    told = [
+        f"{_spell(each['name'])}: {size.description.partition(',')[0]}, "
+        f"{each['parameters'][size.name]['value'] * TIMES[size.name] * plant.time_scale_s:.3g} s"
+        for each in effects
+        for size in find_effect(each["name"], each["form"]).parameters
+        if size.name in TIMES and size.name in each["parameters"]
+    ]
+    return [f"In seconds, {'; '.join(told)}."] if told else []
 
 
 def describe_rate(output: OutputChannel) -> list[str]:

@@ -9,6 +9,7 @@ from stages.science.discrepancy.report_text import (
     describe_few_trials,
     describe_high_floor,
     describe_scales,
+    describe_times,
     describe_verdict,
 )
 from stages.science.discrepancy.verdict import summarise_remainder
@@ -109,6 +110,17 @@ def test_scales_are_told_in_units():
     assert told.endswith("a scale of force is 150 N, a scale of position is 0.02 m and a pace is 0.5 s.")
     assert describe_scales(read_plant()) == []
     assert describe_scales(configured().plant) == []
+
+
+def test_times_are_told_in_seconds():
+    late = {"name": "transport_delay", "form": "late_input", "parameters": {"periods": {"value": 0.08}}}
+    slow = {"name": "creep", "form": "element", "parameters": {"share": {"value": 0.1}, "paces": {"value": 3.0}}}
+    (told,) = describe_times([late, slow], read_plant(time_scale_s=0.5))
+    assert told == (
+        "In seconds, transport delay: how late the input acts, 0.251 s; creep: time in which it yields, 1.5 s."
+    )
+    assert describe_times([EFFECT], read_plant(time_scale_s=0.5)) == []
+    assert describe_times([late], configured().plant) == []
 
 
 def test_a_floor_far_above_the_sensor_s_noise_is_told_with_its_place():
