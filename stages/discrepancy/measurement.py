@@ -8,6 +8,7 @@ rectangular: every muscle of a trial has all of its samples, empty where nothing
 line.
 """
 
+import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass
@@ -234,7 +235,7 @@ def describe_file(path: InputPath) -> list[str]:
         lines, guess = describe(read_columns(file), header, USUAL_JITTER, list_signals())
     kind = [] if guess.muscles else ["measurement=records"]
     told = [f"measured={quote(path)}", *kind, *list_arguments(guess, DEFAULT_NAMES[guess.muscles]), "plan=true"]
-    open_places = any(UNTOLD in each for each in told)
+    open_places = [each for each in told if each.startswith("plant.") and UNTOLD in re.findall(r"\w+", each)]
     hint = f"put what it is in place of {UNTOLD}; " if open_places else ""
     last = f"to see how it would be read ({hint}plan=true writes nothing; without it, it runs):"
     return [f"{file}: {lines[0]}", *lines[1:], "", last, f"  {command_line(['workflow=discrepancy', *told])}"]

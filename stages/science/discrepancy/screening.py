@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from itertools import product
 
 import numpy as np
+from numpy.typing import NDArray
 
 from stages.science.output_channels.fitting import Fit, find_least
 from stages.science.output_channels.fitting import fit as fit_values
@@ -102,24 +103,25 @@ def _try_starts(found: Fit, forms: Sequence[EffectForm]) -> dict[tuple[str, str]
             gain = found.cost(noise) - tried.cost(noise)
             if key not in best or gain > best[key].gain:
                 reached = {each.name: float(v) for each, v in zip(form.parameters, tried.values[known:], strict=True)}
-                total, first = tried.white.slopes.sum(axis=0), float(tried.values[known])
-                confounded = _find_confounded(tried, total, known, known, first)
+                free = np.flatnonzero(tried.free[:known])
+                chosen = np.append(free, known)
+                total = tried.white.slopes.sum(axis=0)[np.ix_(chosen, chosen)]
+                confounded = _find_confounded(tried, free, total, float(tried.values[known]))
                 best[key] = Screened(form, reached, gain, share, confounded, tried.values[:known])
     return best
 
 
-def _find_confounded(found: Fit, total: Array, known: int, column: int, size: float) -> float:
-    """Return the share of a column's square, of summed products of slopes, that free values imitate within bounds.
+def _find_confounded(found: Fit, free: NDArray[np.int_], total: Array, size: float) -> float:
+    """Return the share of a column's square that some free values of a fit, (F,), imitate within their bounds.
 
-    The values are those of a fit that were `known`; the column has a size.
+    Summed products of slopes, (F + 1, F + 1), are those of the values and last of the column, which has a size.
     """
-    square = size**2 * float(total[column, column])
+    square = size**2 * float(total[-1, -1])
     if square <= 0.0:
         return 1.0
-    free = np.flatnonzero(found.free[:known])
     (low, high), sd = found.model.bounds, found.model.prior[1]
     room = (low - found.values)[free], (high - found.values)[free]
-    shared, among = size * total[free, column], total[np.ix_(free, free)]
+    shared, among = size * total[:-1, -1], total[:-1, :-1]
     change = find_least(among, shared, sd[free], *room)
     return 1.0 - max(square - float(change @ (2.0 * shared - among @ change)), 0.0) / square
 
@@ -140,7 +142,7 @@ def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, 
     curvature = total + np.diag(precision) + np.diag(np.append(np.zeros(len(free)), 1e-9 * size))
     whole = np.linalg.solve(curvature, cross.sum(axis=0) + pull)
     scale = float(whole[-1]) if whole[-1] > 0.0 or signed else 1.0
-    confounded = _find_confounded(fit, grams.slopes.sum(axis=0), len(fit.values), column, scale)
+    confounded = _find_confounded(fit, free, total, scale)
     if whole[-1] <= 0.0 and not signed:
         return 0.0, 0.0, confounded
     changes = np.stack(

@@ -64,8 +64,21 @@ def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator
     gain = min(best.score(then.residual) - best.score(now.residual), settings.most_evidence)
     doubt = float(np.exp(-max(gain + np.log(settings.family_prior), 0.0)))
     other.named = [replace(each, probability=min(each.probability, 1.0 - doubt)) for each in other.named]
-    other.rounds.insert(0, found.rounds[0])
+    other.rounds[0] = _keep_beside(other.rounds[0], found.rounds[0], found.named[0].name, doubt)
     return other
+
+
+def _keep_beside(looked: Round, first: Round, name: str, probability: float) -> Round:
+    """Return a round that was made without a name with that name in it, as another round found it, so probable."""
+    verdicts = looked.verdicts
+    names = {each: (1.0 - probability) * its for each, its in verdicts.names.items()} | {name: probability}
+    return replace(
+        looked,
+        verdicts=replace(verdicts, names=names, forms={**verdicts.forms, name: first.verdicts.forms[name]}),
+        gaps={**looked.gaps, name: first.gaps[name]},
+        heldout={**looked.heldout, name: first.heldout[name]},
+        sites={**looked.sites, name: first.sites[name]},
+    )
 
 
 def _search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator: np.random.Generator) -> Search:
