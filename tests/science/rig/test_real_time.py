@@ -21,8 +21,10 @@ from tests.science.rig.watching import execute, wave
 pytest.importorskip("cpx_io", reason="festo-cpx-io is not installed")
 pytestmark = pytest.mark.realtime
 
-WATCHDOG_S = 0.4
-DEVICE = f"rig.device.watchdog_s={WATCHDOG_S}", "rig.device.reply_s=0.15", "rig.guard.missed_share=1.0"
+WATCHDOG_S = 1.0
+REPLY_S = 0.4
+"""Longest wait for a reply: longer than a rig's own, since the device's process may wait for a core here."""
+DEVICE = f"rig.device.watchdog_s={WATCHDOG_S}", f"rig.device.reply_s={REPLY_S}", "rig.guard.missed_share=1.0"
 SHORT = "exoskeleton.trial_s=1.6", "rig.lead_in_s=0.6", *DEVICE
 LET_DOWN_S = 0.2
 """Time from the notice of a fault to commands of 0, where the link lives."""
@@ -179,4 +181,4 @@ def test_a_device_that_freezes_is_told(section):
         begun_s = time.monotonic()
         with pytest.raises(TrialStopped, match=r"does not answer .*the watchdog does"):
             execute(rig, wave(rig))
-        assert time.monotonic() - begun_s < 1.2 + 0.15 + LET_DOWN_S + 0.5
+        assert time.monotonic() - begun_s < 1.2 + REPLY_S + LET_DOWN_S + 0.5
