@@ -14,6 +14,7 @@ from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.figures.verified_gap import MAP
 from stages.science.rig.sessions import seal_truth
 
 COMPARISON_WITH_TRUTH = Table(
@@ -59,13 +60,15 @@ def unblinding(
     rows = _compare(hidden, recorded.truth["gap_over_floor"], named_effects, channels)
     driven = verification[verification["simulation"] == "measured upstream"]
     after = driven["gap"].iloc[named_effects["order"].max() if len(named_effects) else 0]
+    learned = driven.loc[driven["label"] == MAP, "gap"]
+    mended = f", and to {100 * learned.iloc[0]:.2g} % with learned maps, which have no name" if len(learned) else ""
     names = " and ".join(f"{_in_words(each['name'])} on {', '.join(each['muscles'])}" for each in hidden)
     told = f"{names} ({recorded.truth['scenario']['magnitude']})" if hidden else "nothing"
     outcome = [
         f"The seal holds ({digest[:12]}). Hidden was {told}.",
         _describe_named(named_effects, hidden, left=left),
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
-        f"{100 * after:.2g} %; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
+        f"{100 * after:.2g} %{mended}; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
         "Identification on the amended simulator: python -m pipeline plant=FOLDER/documents/amended.yaml, with this "
         "run's folder.",
     ]

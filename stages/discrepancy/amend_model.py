@@ -15,6 +15,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.amendment import amend_plant, estimate_intervals
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
+from stages.science.discrepancy.patch import read_patches
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.plant.machine import Machine
@@ -47,8 +48,10 @@ class Config(Section):
 
 
 @stage(AMENDED_VALUES, stream="amend_model")
-def amend_model(cfg: Config, tables: DatasetTables, found: SearchTables, ctx: Context) -> pd.DataFrame:
-    """Add what was named to the plant, and say how sure its values are."""
+def amend_model(
+    cfg: Config, tables: DatasetTables, found: SearchTables, learned_maps: pd.DataFrame, ctx: Context
+) -> pd.DataFrame:
+    """Add what was named, and what was learnt without a name, to the plant, and say how sure its values are."""
     settings = cfg.discrepancy
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     rows: list[dict[str, Any]] = []
@@ -56,5 +59,7 @@ def amend_model(cfg: Config, tables: DatasetTables, found: SearchTables, ctx: Co
         model, values = found.restore(output, found.last_step)
         rows += estimate_intervals(model, values, found.read_noise(output), settings, ctx.generator("resample"))
     amended = pd.DataFrame(rows, columns=list(AMENDED_VALUES.columns))
-    ctx.document("amended", amend_plant(dataset.plant, amended, found.channels, tables.measured_muscles), "yaml")
+    learned = list(read_patches(learned_maps).values())
+    plant = amend_plant(dataset.plant, amended, learned, found.channels, tables.measured_muscles)
+    ctx.document("amended", plant, "yaml")
     return amended

@@ -1,7 +1,8 @@
 """What stays unexplained, described: on which measured signals it depends, and a formula as a hint.
 
 In: what was measured, what was named and the values after the last addition. Out: `remainder`, a row for each channel
-of a muscle whose gap is still above the noise floor. Only fitted trials are looked at, and nothing is named.
+of a muscle whose gap is still above the noise floor; and `learned_maps`, which mend it without a name. Only fitted
+trials are looked at, and nothing is named.
 """
 
 import pandas as pd
@@ -12,6 +13,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.description import Description, average_dependence, describe_above_floor, tabulate
+from stages.science.discrepancy.patch import list_patches
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DescriptionSettings, DiscrepancySettings
 from stages.science.figures.located_gap import draw_unexplained
@@ -43,6 +45,26 @@ REMAINDER = Table(
     key=("channel", "muscle"),
     brief=("channel", "muscle", "inputs", "share", "low", "high", "hint", "hint_share"),
 )
+LEARNED_MAPS = Table(
+    "learned_maps",
+    "An input of a bump of a learned map, which is added to the simulated channel",
+    {
+        "channel": column(str, "measured channel"),
+        "muscle": column(str, "muscle, or name of the machine"),
+        "point": column(int, "number of the bump", low=0),
+        "input": column(str, "signal that the map is told from, or its history"),
+        "value": column(float, "where the bump is, in spreads from the input's middle"),
+        "middle": column(float, "mean of the input where the map was learnt", unit="of the input"),
+        "spread": column(float, "its standard deviation there", unit="of the input", low=0),
+        "length": column(float, "length scale of the bump along it, in spreads", low=0),
+        "low": column(float, "least value of the input where the map was learnt", unit="of the input"),
+        "high": column(float, "largest value there", unit="of the input"),
+        "weight": column(float, "height of the bump", unit="of the channel"),
+        "deviation": column(float, "root mean square of what the map leaves, trials left out", unit="of the channel"),
+    },
+    key=("channel", "muscle", "point", "input"),
+    brief=("channel", "muscle", "input", "low", "high", "deviation"),
+)
 
 
 class Config(Section):
@@ -54,9 +76,9 @@ class Config(Section):
     seed: int
 
 
-@stage(REMAINDER, stream="describe_remainder")
-def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, ctx: Context) -> pd.DataFrame:
-    """Describe what the amended model leaves above the noise floor."""
+@stage(REMAINDER, LEARNED_MAPS, stream="describe_remainder")
+def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, ctx: Context) -> dict[str, pd.DataFrame]:
+    """Describe what the amended model leaves above the noise floor, and learn a map of it."""
     settings = cfg.discrepancy
     described: list[Description] = []
     if (found.channels["gap_over_floor"] > settings.search.smallest_gap).any():
@@ -70,4 +92,5 @@ def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, c
             "What stays unexplained, on average over the input that tells most of it (points, two standard errors over "
             "trials), and what a Gaussian process makes of it (lines, two standard deviations). It has no name.",
         )
-    return pd.DataFrame([tabulate(each) for each in described], columns=list(REMAINDER.columns))
+    rows = (REMAINDER, [tabulate(each) for each in described]), (LEARNED_MAPS, list_patches(described))
+    return {table.name: pd.DataFrame(kept, columns=list(table.columns)) for table, kept in rows}

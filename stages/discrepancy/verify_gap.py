@@ -18,11 +18,13 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.parts import PURPOSES
+from stages.science.discrepancy.patch import read_patches
 from stages.science.discrepancy.report_text import (
     describe_bounds,
     describe_few_trials,
     describe_forgotten,
     describe_high_floor,
+    describe_maps,
     describe_odd_trials,
     describe_rate,
     describe_remainder,
@@ -50,9 +52,10 @@ from stages.science.discrepancy.verification import (
     compare_steps,
     find_odd_trials,
     list_predictions,
+    measure_maps,
     verify,
 )
-from stages.science.figures.verified_gap import draw_effect_signature, draw_gap_waterfall, draw_verified_trials
+from stages.science.figures.verified_gap import MAP, draw_effect_signature, draw_gap_waterfall, draw_verified_trials
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.plant.effect import find_effect
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -90,7 +93,8 @@ PREDICTIONS = Table(
         "channel": column(str, "measured channel"),
         "measured": column(float, "sensor", unit="of the channel"),
         "before": column(float, "nominal model, fitted", unit="of the channel"),
-        "after": column(float, "amended model", unit="of the channel"),
+        "after": column(float, "with what was named", unit="of the channel"),
+        "patched": column(float, "with learned maps too, where there are any", unit="of the channel"),
     },
     key=("trial", "channel", "muscle", "time_s"),
 )
@@ -123,6 +127,7 @@ def verify_gap(
     ranking: pd.DataFrame,
     amended_values: pd.DataFrame,
     remainder: pd.DataFrame,
+    learned_maps: pd.DataFrame,
     ctx: Context,
 ) -> dict[str, pd.DataFrame]:
     """Open the test trials, once, and report what was found."""
@@ -130,10 +135,12 @@ def verify_gap(
     status, last = found.status, found.last_step
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     test = dataset.test
-    verified = verify(dataset.outputs, dataset.fitted, found)
+    learned = read_patches(learned_maps)
+    verified = verify(dataset.outputs, dataset.fitted, found, learned)
     concerned = list(dict.fromkeys(named["channel"])) or list(dict.fromkeys(channels["channel"]))
     judged = [each for each in verified if each.output.channel in concerned]
     labels = ["nominal", *(f"+ {name}" for name in named.drop_duplicates("order")["name"])]
+    labels += [MAP] if learned else []
     rows = [
         row
         for part, chosen in list_reported(tables, judged).items()
@@ -145,6 +152,7 @@ def verify_gap(
     opened = [each.take(test) for each in dataset.outputs]
     counted = {(QUANTISATION, each.channel, each.element) for each in opened if each.find_counts({}) is not None}
     places = locate_most(gap, channels, named, settings)
+    maps = measure_maps(verified, learned, last, test, ctx.generator)
     candidates = ranking.loc[ranking["round"] == 1, ["name", "probability", "heldout_gap", "absorbed"]]
     verdict: dict[str, Any] = {
         "status": status,
@@ -154,7 +162,7 @@ def verify_gap(
         "ranking": candidates.to_dict("records"),
         "absorbed": list_confounded(ranking),
         "where": [{name: row[name] for name in WHERE} for row in places],
-        "remainder": summarise_remainder(found.unexplained, remainder, settings.search.certain),
+        "remainder": summarise_remainder(found.unexplained, remainder, maps, settings.search.certain),
         "gap": {
             **summarise_gap(driven, last, judged),
             "over_floor": {**over_floor, "smallest": settings.search.smallest_gap},
@@ -183,6 +191,7 @@ def verify_gap(
     remarks = [
         *describe_times(verdict["effects"], dataset.plant),
         *(describe_scales(dataset.plant) if status == "named" else []),
+        *describe_maps(maps, settings.significance),
         *describe_remainder(remainder, status, report),
         *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
         *describe_odd_trials(odd.to_dict("records")),
@@ -256,7 +265,8 @@ def draw_trials(predictions: pd.DataFrame, channels: pd.DataFrame, ctx: Context)
         ctx.figure(
             "verified_trials",
             draw_verified_trials(test, channel, muscles, chosen),
-            "Verification trials: measured, simulated before and after, and below them what is left.",
+            "Verification trials: measured, simulated before and after what was named, with learned maps too where "
+            "there are any, and below them what is left.",
         )
 
 

@@ -143,6 +143,14 @@ def test_what_has_no_name_is_described_as_a_hint(pamid, tmp_path):
     assert rows["pam1"]["inputs"][0] == "pam2 pressure_kpa"
     assert 0.0 < rows["pam1"]["low"] < rows["pam1"]["share"] < rows["pam1"]["high"] < 1.0
     assert "What stays unexplained in force of pam" in said
+    (learned,) = verdict["remainder"]["learned_maps"]
+    assert learned["channel"] == "force_n"
+    assert "pam2 pressure_kpa" in learned["inputs"]
+    assert learned["after"] < 0.7 * learned["before"]
+    amended = pamid.runs[0] / "documents" / "amended.yaml"
+    assert {each["element"] for each in yaml.safe_load(amended.read_text())["learned"]} == set(learned["muscles"])
+    result = pamid(f"plant={amended}", "budget=tiny", "stages=[bank]", "exoskeleton.load_cell_site=joint_end")
+    assert result.returncode == 0, result.stderr
     assert "A hint, no finding: on pam" in said
     assert "unexplained.png" in {path.name for path in (pamid.runs[0] / "figures").iterdir()}
 

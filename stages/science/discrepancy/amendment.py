@@ -1,5 +1,6 @@
 """The amended plant: fitted constants and named effects, written as the simulator's own configuration."""
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -10,17 +11,22 @@ from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import Noise
 from stages.science.plant.effect import Parameter
+from stages.science.plant.learned_map import LearnedMap
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
 from stages.science.signals.trajectories import Array
 
 
 def amend_plant(
-    plant: Plant | RecordPlant, values: pd.DataFrame, channels: pd.DataFrame, muscles: pd.DataFrame
+    plant: Plant | RecordPlant,
+    values: pd.DataFrame,
+    learned: Sequence[LearnedMap],
+    channels: pd.DataFrame,
+    muscles: pd.DataFrame,
 ) -> dict[str, Any]:
-    """Return the configuration of a plant with fitted constants and added effects.
+    """Return the configuration of a plant with fitted constants, added effects and learned maps.
 
-    Effects that a plant had along its muscles' chains are left out: the constants were fitted without them. What the
+    Effects and maps that a plant had along its muscles' chains are left out: constants were fitted without. What the
     plant left open is resolved from the data. The values have columns ``muscle effect form parameter value``, with an
     empty effect for a nominal constant; channels ``muscle channel white``, the white noise of each sensor; muscles
     ``muscle type``, and no rows for a machine without muscles.
@@ -31,7 +37,8 @@ def amend_plant(
         for (effect, form, carrier), rows in added.groupby(["effect", "form", "muscle"], sort=False)
     ]
     if isinstance(plant, RecordPlant):
-        return plant.amend(_by_name(constants), [(name, form, told) for name, form, _, told in effects]).model_dump()
+        added_effects = [(name, form, told) for name, form, _, told in effects]
+        return plant.amend(_by_name(constants), added_effects, learned).model_dump()
     noise = channels.set_index(["channel", "muscle"])["white"]
     models: dict[str, Any] = {name: model.model_dump() for name, model in plant.muscles.items()}
     for muscle, kind in zip(muscles["muscle"], muscles["type"], strict=True):
@@ -42,7 +49,8 @@ def amend_plant(
                 models[muscle][name] = float(noise[channel, muscle])
     entries = [entry.model_dump() for entry in plant.effects if entry.effect.site == "joint"]
     entries += [{"name": name, "form": form, "muscles": [carrier], **told} for name, form, carrier, told in effects]
-    return {**plant.model_dump(), "muscles": models, "effects": entries}
+    maps = [each.model_dump() for each in learned]
+    return {**plant.model_dump(), "muscles": models, "effects": entries, "learned": maps}
 
 
 def _by_name(rows: pd.DataFrame) -> dict[str, float]:

@@ -16,8 +16,8 @@ from stages.science.discrepancy.settings import DescriptionSettings
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
-from stages.science.output_channels.features import list_histories
 from stages.science.output_channels.output_channel import Driver, OutputChannel
+from stages.science.plant.learned_map import LearnedInput, LearnedMap
 from stages.science.signals.trajectories import Array
 
 FOLDS = 10
@@ -40,13 +40,14 @@ class Dependence:
     """On which inputs a residual depends, as far as trials left out confirm it, the one that tells most first.
 
     In the channel's unit, (T, K), zero where not present: what a GP says of each trial, inputs and all chosen without
-    it, and mean and standard deviation of the GP of all trials.
+    it, and mean and standard deviation of the GP of all trials, which is kept as a map; None without inputs.
     """
 
     inputs: tuple[Driver, ...]
     heldout: Array
     mean: Array
     deviation: Array
+    learned: LearnedMap | None
 
     @property
     def along(self) -> Array:
@@ -63,9 +64,13 @@ class Dependence:
 
 
 def find_dependence(
-    output: OutputChannel, residual: Array, settings: DescriptionSettings, generator: np.random.Generator
+    output: OutputChannel,
+    offered: Sequence[Driver],
+    residual: Array,
+    settings: DescriptionSettings,
+    generator: np.random.Generator,
 ) -> Dependence:
-    """Return on which inputs a residual depends: drivers, their histories, time in trial and session.
+    """Return on which of the inputs offered a residual depends.
 
     The output has the trials that may be looked at; the residual, (T, K), is zero where not present, in the channel's
     unit. The generator draws samples and pseudo-inputs.
@@ -78,12 +83,11 @@ def find_dependence(
     takes away is told of trials that had no part in either: in each of `FOLDS` folds inputs are chosen anew.
     """
     present = output.present
-    within = np.repeat((np.arange(len(output.measured)) * output.step_s)[:, None], output.trials, axis=1)
-    times = [Driver("time_s", within, own=False), Driver("start_s", within + output.start_s, own=False)]
-    offered = (*output.drivers(), *list_histories(output), *times)
     inputs = [each for each in offered if np.ptp(each.values[present]) > 0.0]
-    columns = np.stack([(v - v[present].mean()) / v[present].std() for v in (each.values for each in inputs)], axis=2)
-    nothing = Dependence((), *np.zeros((3, *residual.shape)))
+    means, spreads = ([take(each.values[present]) for each in inputs] for take in (np.mean, np.std))
+    columns = (np.stack([each.values for each in inputs], axis=2) - means) / spreads
+    heldout, mean, deviation = np.zeros((3, *residual.shape))
+    nothing = Dependence((), heldout, mean, deviation, learned=None)
     if not (residual[present] != 0.0).any() or output.trials < 3:
         return nothing
     thin = np.zeros(present.shape, dtype=bool)  # drawn at random, as an even stride would turn a hum into an offset
@@ -93,11 +97,10 @@ def find_dependence(
     chosen = search.choose(np.ones(output.trials, dtype=bool))
     if not chosen:
         return nothing
-    heldout, mean, deviation = np.zeros((3, *residual.shape))
-    scale = _measure(target)
-    whole = fit_gaussian_process(rows[:, chosen], target / scale, settings.pseudo_inputs, generator)
+    size = _measure(target)
+    whole = fit_gaussian_process(rows[:, chosen], target / size, settings.pseudo_inputs, generator)
     said, variance = whole.predict(columns[present][:, chosen])
-    mean[present], deviation[present] = scale * said, scale * np.sqrt(variance)
+    mean[present], deviation[present] = size * said, size * np.sqrt(variance)
     for fold in range(min(FOLDS, output.trials)):
         out = np.arange(output.trials) % FOLDS == fold
         told = search.choose(~out)
@@ -108,7 +111,19 @@ def find_dependence(
         scale = _measure(target[learnt])
         model = fit_gaussian_process(rows[learnt][:, told], target[learnt] / scale, settings.pseudo_inputs, generator)
         heldout[asked] = scale * model.predict_mean(columns[asked][:, told])
-    return Dependence(tuple(inputs[k] for k in chosen), heldout, mean, deviation)
+    ranges = [(inputs[k].name, float(means[k]), float(spreads[k]), inputs[k].values[present]) for k in chosen]
+    learned = LearnedMap(
+        channel=output.channel,
+        element=output.element,
+        inputs=[
+            LearnedInput(name=name, middle=m, spread=s, length=float(length), low=float(v.min()), high=float(v.max()))
+            for (name, m, s, v), length in zip(ranges, whole.hyperparameters.lengths, strict=True)
+        ],
+        deviation=_measure((residual - heldout)[present]),
+        points=whole.pseudo.tolist(),
+        weights=(size * whole.hyperparameters.signal_variance * whole.weights).tolist(),
+    )
+    return Dependence(tuple(inputs[k] for k in chosen), heldout, mean, deviation, learned)
 
 
 def _measure(values: Array) -> float:

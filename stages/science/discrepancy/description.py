@@ -19,9 +19,11 @@ from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DescriptionSettings, DiscrepancySettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.symbolic_regression import Sketch, sketch_residual
+from stages.science.output_channels.features import list_inputs
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.flexible import find_floor
-from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.output_channels.output_channel import Driver, OutputChannel
+from stages.science.plant.learned_map import LearnedMap
 from stages.science.signals.trajectories import Array
 
 
@@ -55,6 +57,8 @@ class Description:
     sketch: Sketch
     sketched: Share
     range_part: float
+    patch: LearnedMap | None
+    """Map of inputs that a simulator knows, where one is asked for and trials left out confirm it."""
 
     @property
     def is_confirmed(self) -> bool:
@@ -86,6 +90,7 @@ def describe_above_floor(
     for trials and for pseudo-inputs.
     """
     smallest_gap, generator = settings.search.smallest_gap, draw("pseudo-inputs")
+    unnamed = found.unexplained.set_index("channel")["probability"] >= settings.search.certain
     weights = resample(len(dataset.fitted), settings.bootstraps, draw("resample"))
     known = {(row["channel"], row["muscle"]): row for row in found.channels.to_dict("records")}
     described = []
@@ -101,7 +106,8 @@ def describe_above_floor(
             least = find_floor(fitted, noise, np.ones(model.output.trials, dtype=bool)).raw.sum()
             floor = min(floor, float(np.sqrt(least / max(int(model.output.present.sum()), 1))))
         if _measure(fitted.residual, fitted.model.output) > smallest_gap * floor:
-            described.append(describe(fitted, floor, how, weights, settings.level, generator))
+            patched = settings.patch == "always" or (settings.patch != "none" and unnamed[output.channel])
+            described.append(describe(fitted, floor, how, weights, settings.level, generator, patched))
     return described
 
 
@@ -112,19 +118,31 @@ def describe(
     weights: Array,
     level: float,
     generator: np.random.Generator,
+    patched: bool = False,
 ) -> Description:
     """Return on what the residual of a model that is fitted to the trials that may be looked at depends.
 
     The noise floor is in the channel's unit; the weights, (B, K), are of resampled trials, for intervals of the
-    `level`; the generator draws pseudo-inputs.
+    `level`; the generator draws pseudo-inputs. A patch is asked for or not.
     """
-    output, residual = fitted.model.output, fitted.residual
-    found = find_dependence(output, residual, settings, generator)
-    left = ((residual - found.heldout) ** 2).sum(axis=0)
-    share = measure_share((residual**2).sum(axis=0), left, weights, level)
+    output, residual = fitted.model.output.told_by(fitted.model.name_values(fitted.values)[0]), fitted.residual
+    before = (residual**2).sum(axis=0)
+
+    def look(offered: Sequence[Driver]) -> tuple[Dependence, Share]:
+        found = find_dependence(output, offered, residual, settings, generator)
+        left = ((residual - found.heldout) ** 2).sum(axis=0)
+        return found, measure_share(before, left, weights, level)
+
+    inputs = list_inputs(output)
+    known = [each for each in inputs if output.can_tell(each.name)]
+    found, share = look(inputs)
+    patch, patch_share = found, share
+    if patched and not all(output.can_tell(each.name) for each in found.inputs):
+        patch, patch_share = look(known)
     sketch = sketch_residual(fitted, found.inputs, settings)
     sketched = measure_share(sketch.before, sketch.after, weights, level)
-    return Description(output, residual, floor, found, share, sketch, sketched, settings.range_part)
+    kept = patch.learned if patched and patch_share.low > 0.0 else None
+    return Description(output, residual, floor, found, share, sketch, sketched, settings.range_part, kept)
 
 
 def _measure(residual: Array, output: OutputChannel) -> float:

@@ -138,6 +138,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
             f"with it the gap of trials left out of the fit goes from {_percent(alone)} to "
             f"{_percent(nearest['heldout_gap'])} of range."
         )
+    unchanged = "" if left["learned_maps"] else ", and the plant is not changed but for its fitted constants"
     line_hz, mapped = left["line_hz"], left["family"] == STATIC_MAP
     family = FAMILIES.get(left["family"], "a flexible model")
     hum = f"an oscillation at {line_hz or 0.0:.3g} Hz runs through all trials, which the simulation lacks"
@@ -150,8 +151,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
         reproducible += f"; beside it {hum}" if line_hz is not None else ""
     return [
         f"Something is missing (probability {_sure(verdict['missing_probability'])}) that no effect of the library "
-        f"explains better than what has no name: {reproducible}.{near} Nothing is named, and the plant is not changed "
-        "but for its fitted constants.",
+        f"explains better than what has no name: {reproducible}.{near} Nothing is named{unchanged}.",
         on_test,
         *_describe_suspected(verdict),
     ]
@@ -315,6 +315,29 @@ def describe_remainder(remainder: pd.DataFrame, status: str, settings: ReportSet
                 f"What stays unexplained in {name} of {_join(silent)} depends on no measured signal, as far as a "
                 "Gaussian process can tell on trials left out."
             )
+    return sentences
+
+
+def describe_maps(maps: Sequence[Mapping[str, Any]], significance: float) -> list[str]:
+    """Return what learned maps do on the test trials, by `measure_maps`; they are no names."""
+    sentences = []
+    for each in maps:
+        falls = f"from {_percent(each['before'])} to {_percent(each['after'])} of range (p = {each['p_value']:.2g})"
+        by = "a learned map" if len(each["muscles"]) == 1 else "a learned map each"
+        inputs = _join([name_signal(name)[0] for name in each["inputs"]])
+        sentences.append(
+            f"What has no name in {name_signal(each['channel'])[0]} of {_join(each['muscles'])} is mended by {by}, of "
+            f"{inputs}: on trials not fitted the gap there goes {falls}."
+        )
+        if each["after"] >= each["before"]:
+            sentences[-1] += " It does not help there: leave it out with discrepancy.patch=none."
+        elif each["p_value"] > significance:
+            sentences[-1] += " That may be chance."
+    if maps:
+        sentences.append(
+            "A learned map tells no cause. It is in the amended plant, under learned, and fades to zero away from what "
+            "was recorded."
+        )
     return sentences
 
 

@@ -91,6 +91,7 @@ class DiscrepancySettings(Declared):
     verification_share: float = Field(gt=0.0, lt=0.8)
     bootstraps: int = Field(ge=100, le=100000)
     level: float = Field(gt=0.5, lt=1.0)
+    patch: Literal["none", "when_unexplained", "always"]
     search: SearchSettings
     regimes: RegimeSettings
     detection: DetectionSettings

@@ -1,7 +1,7 @@
 """What measured signals are called in sentences and formulas: their names in words, and their units apart."""
 
-from stages.science.output_channels.features import DISTANCE
 from stages.science.recording.units import ENDS, own_unit
+from stages.science.signals.histories import DISTANCE
 
 CALLED = {
     "contraction_velocity_per_s": ("velocity", "1/s"),

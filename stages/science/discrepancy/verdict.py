@@ -10,6 +10,8 @@ from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.statistics.sign_flips import least_p
 
 DEPENDS_ON = ("channel", "muscle", "share", "low", "high", "hint", "hint_share")
+AMENDED = "documents/amended.yaml"
+"""Document that holds the amended plant."""
 UPSTREAM = ("command", "valve")
 """Sites that show in pressure alone."""
 
@@ -22,10 +24,13 @@ def list_confounded(ranking: pd.DataFrame, channels: Collection[str] = ()) -> li
     return [str(name) for name in rows.loc[sites, "name"]]
 
 
-def summarise_remainder(unexplained: pd.DataFrame, remainder: pd.DataFrame, certain: float) -> dict[str, Any]:
+def summarise_remainder(
+    unexplained: pd.DataFrame, remainder: pd.DataFrame, maps: list[dict[str, Any]], certain: float
+) -> dict[str, Any]:
     """Return what is left without a name, as the verdict tells it: of the channel in which that is most probable.
 
-    The tables are of these names; from the probability `certain` on something is said to be left.
+    The tables are of these names, `maps` what learned maps do; from the probability `certain` on something is said to
+    be left.
     """
     worst = unexplained.sort_values("probability", kind="stable").iloc[-1]
     line_hz = float(worst["line_hz"])
@@ -37,7 +42,8 @@ def summarise_remainder(unexplained: pd.DataFrame, remainder: pd.DataFrame, cert
         "channel": str(worst["channel"]),
         "line_hz": None if np.isnan(line_hz) else line_hz,
         "imitated": float(unexplained["imitated"].max()),
-        "patch": None,
+        "patch": AMENDED if maps else None,
+        "learned_maps": maps,
         "depends_on": [
             {
                 "inputs": str(row["inputs"]).split(", ") if row["inputs"] else [],

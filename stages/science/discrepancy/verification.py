@@ -3,7 +3,7 @@
 Outputs with all trials and the values of each step flow in; predictions and gaps flow out.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any
 
@@ -14,20 +14,24 @@ from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.resampling import find_interval, resample
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.output_channels.features import evaluate_map
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.flexible import Mask, find_floor
 from stages.science.output_channels.muscle_channels import ForceChannel, MuscleChannel
 from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.plant.learned_map import LearnedMap
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs
 
 DRIVEN = "measured upstream"
+Maps = Mapping[tuple[str, str], LearnedMap]
+"""Learned maps by channel and element."""
 
 
 @dataclass(frozen=True)
 class Verified:
-    """One output on all trials, simulated after each number of additions, (T, K) each.
+    """One output on all trials, simulated after each number of additions, and with what was learnt, (T, K) each.
 
     `steps` are simulated from measured upstream signals; `free` from the command and the joint's motion alone, empty
     where nothing measured is upstream. `floor`, (K,), is the sum of squares, over the range squared, that a flexible
@@ -45,26 +49,42 @@ class Verified:
         return np.asarray((residual**2).sum(axis=0) / self.output.range**2)
 
 
-def verify(outputs: Sequence[OutputChannel], fitted: Sequence[int], found: SearchTables) -> list[Verified]:
-    """Simulate every output channel, with all trials, after each addition; `fitted` are positions of trials."""
+def verify(
+    outputs: Sequence[OutputChannel], fitted: Sequence[int], found: SearchTables, learned: Maps
+) -> list[Verified]:
+    """Simulate every output channel, with all trials, after each addition, and last with maps, where there are any.
+
+    `fitted` are positions of trials.
+    """
     learnt = np.isin(np.arange(outputs[0].trials), list(fitted))
     pressures: dict[tuple[str, int], Array] = {}
+    additions: list[tuple[int, Maps]] = [(step, {}) for step in range(found.last_step + 1)]
+    if learned:
+        additions.append((found.last_step, learned))
     verified = []
     for output in sorted(outputs, key=lambda each: each.channel != "pressure_kpa"):
         simulated, free = [], []
-        for step in range(found.last_step + 1):
+        for place, (step, maps) in enumerate(additions):
             model, values = found.restore(output, step)
-            simulated.append(model.simulate(values))
+            simulated.append(_simulate(model.output, model, values, maps))
             driven: OutputChannel = model.output
-            if isinstance(output, ForceChannel) and (output.element, step) in pressures:
-                driven = output.from_pressure(pressures[output.element, step])
+            if isinstance(output, ForceChannel) and (output.element, place) in pressures:
+                driven = output.from_pressure(pressures[output.element, place])
             if isinstance(output, MuscleChannel):
-                free.append(driven.simulate(*model.name_values(values)))
+                free.append(_simulate(driven, model, values, maps))
             if output.channel == "pressure_kpa":
-                pressures[output.element, step] = simulated[-1]
+                pressures[output.element, place] = simulated[-1]
         floor = find_test_floor(model, values, found.read_noise(output), learnt) / output.range**2
         verified.append(Verified(output, simulated, free, floor))
     return verified
+
+
+def _simulate(output: OutputChannel, model: Model, values: Array, maps: Maps) -> Array:
+    """Return an output, (T, K), of a model's values, with what a map adds to it."""
+    constants, effects = model.name_values(values)
+    simulated = output.simulate(constants, effects)
+    learned = maps.get((output.channel, output.element))
+    return simulated if learned is None else simulated + evaluate_map(learned, output.told_by(constants))
 
 
 def find_test_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
@@ -148,6 +168,37 @@ def bound_ratio(
     return max(ratios, key=lambda each: each["value"])
 
 
+def measure_maps(
+    found: Sequence[Verified],
+    learned: Maps,
+    last: int,
+    trials: Sequence[int],
+    draw: Callable[..., np.random.Generator],
+) -> list[dict[str, Any]]:
+    """Return what learned maps do on some trials, by channel: the gap with what was named, and with them too.
+
+    The p-value is of no change, signs flipped; `draw` returns the generator of a purpose and a part.
+    """
+    rows, generator = [], draw("signs", "learned maps")
+    for channel in dict.fromkeys(channel for channel, _ in learned):
+        own = [each for each in found if (each.output.channel, each.output.element) in learned]
+        own = [each for each in own if each.output.channel == channel]
+        before, after = (_pool(own, [each.squares(each.steps[k]) for each in own], trials) for k in (last, -1))
+        maps = [learned[channel, each.output.element] for each in own]
+        rows.append(
+            {
+                "channel": channel,
+                "muscles": [each.output.element for each in own],
+                "kinds": sorted({each.kind for each in maps}),
+                "inputs": list(dict.fromkeys(told.name for each in maps for told in each.inputs)),
+                "before": float(np.sqrt(np.mean(before**2))),
+                "after": float(np.sqrt(np.mean(after**2))),
+                "p_value": float(compare_signs((before - after)[:, None], generator, two_sided=True)[0]),
+            }
+        )
+    return rows
+
+
 def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> float:
     """Return the gap over what was measured, in its standard deviations; root mean square over outputs that vary."""
     chosen, known = list(trials), []
@@ -160,7 +211,7 @@ def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: 
 
 
 def list_predictions(found: Sequence[Verified], dataset: Dataset, last: int) -> pd.DataFrame:
-    """Return every sample as measured, and as simulated before and after the `last` addition: `predictions`."""
+    """Return every sample as measured, as simulated before and after the `last` addition, and with learned maps."""
     frames = []
     for each in found:
         output = each.output
@@ -174,6 +225,7 @@ def list_predictions(found: Sequence[Verified], dataset: Dataset, last: int) -> 
             "measured": output.measured[sample, place],
             "before": each.steps[0][sample, place],
             "after": each.steps[last][sample, place],
+            "patched": each.steps[-1][sample, place],
         }
         frames.append(pd.DataFrame(rows))
     return pd.concat(frames, ignore_index=True)

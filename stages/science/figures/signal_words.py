@@ -17,7 +17,7 @@ WORDS = {
 }
 SHORT = {"force_n": "force", "pressure_kpa": "pressure"}
 
-MEASURED, BEFORE, AFTER, QUIET = "#2b2b2b", "#d55e00", "#0072b2", "#9aa5b1"
+MEASURED, BEFORE, AFTER, LEARNED, QUIET = "#2b2b2b", "#d55e00", "#0072b2", "#009e73", "#9aa5b1"
 """Colours told apart with any colour vision (Okabe and Ito 2008)."""
 STYLES = {"rising": (BEFORE, "-"), "falling": (AFTER, "--"), "both": (MEASURED, "-")}
 """Of the directions of a signal."""

@@ -13,6 +13,7 @@ from stages.science.figures.canvas import new_figure
 from stages.science.figures.signal_words import (
     AFTER,
     BEFORE,
+    LEARNED,
     MEASURED,
     QUIET,
     STYLES,
@@ -27,7 +28,12 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 LETTERS_PER_INCH = 12
-FLOOR = "noise floor"
+FLOOR, MAP = "noise floor", "+ learned map"
+SIMULATED = {
+    "before": (BEFORE, "--", "simulated before"),
+    "after": (AFTER, "-", "simulated after"),
+    "patched": (LEARNED, "-", "with a learned map too"),
+}
 LEAST_PROBABILITY = 0.005
 
 
@@ -117,7 +123,10 @@ def _draw_falls(axis: Any, rows: pd.DataFrame) -> None:
     steps: list[Any] = [*rows[rows["label"] != FLOOR].itertuples(index=False)]
     first, last = steps[0], steps[-1]
     bars: list[tuple[str, float, float, str, Any]] = [("nominal", 0.0, first.gap, BEFORE, first)]
-    bars += [(spell(str(after.label)), before.gap, after.gap, QUIET, None) for before, after in pairwise(steps)]
+    bars += [
+        (spell(str(after.label)), before.gap, after.gap, LEARNED if after.label == MAP else QUIET, None)
+        for before, after in pairwise(steps)
+    ]
     if len(steps) > 1:
         bars.append(("left", 0.0, last.gap, AFTER, last))
     for place, (_, one, other, colour, marked) in enumerate(bars):
@@ -148,8 +157,9 @@ def draw_verified_trials(
 ) -> Figure:
     """Draw the first muscle's channel in each trial, a column each, and below it each muscle's residuals, a row each.
 
-    Predictions have columns trial, time_s, muscle, channel, measured, before and after.
+    Predictions have columns trial, time_s, muscle, channel, measured, before, after and patched.
     """
+    told = [name for name in SIMULATED if name != "patched" or not predictions["patched"].equals(predictions["after"])]
     heights = [1.4, *(1.0 for _ in muscles)]
     sharing = {"sharex": "col", "sharey": "row", "gridspec_kw": {"height_ratios": heights}}
     figure, panels = new_figure(10.6, 2.1 + 1.45 * len(muscles), len(heights), len(trials), **sharing)
@@ -157,21 +167,22 @@ def draw_verified_trials(
         rows = predictions[(predictions["channel"] == channel) & (predictions["trial"] == trial)]
         top, first = panels[0, column], rows[rows["muscle"] == muscles[0]]
         top.plot(first["time_s"], first["measured"], color=QUIET, linewidth=3.0, label="measured")
-        top.plot(first["time_s"], first["before"], "--", color=BEFORE, linewidth=1.1, label="simulated before")
-        top.plot(first["time_s"], first["after"], color=AFTER, linewidth=1.1, label="simulated after")
+        for name in told:
+            colour, style, words = SIMULATED[name]
+            top.plot(first["time_s"], first[name], style, color=colour, linewidth=1.1, label=words)
         top.set_title(f"trial {trial}", fontsize=10)
         for axis, muscle in zip(panels[1:, column], muscles, strict=True):
             line = rows[rows["muscle"] == muscle]
             axis.axhline(0.0, color=MEASURED, linewidth=0.8)
-            for name, colour in (("before", BEFORE), ("after", AFTER)):
-                axis.plot(line["time_s"], line["measured"] - line[name], color=colour, linewidth=0.9)
+            for name in told:
+                axis.plot(line["time_s"], line["measured"] - line[name], color=SIMULATED[name][0], linewidth=0.9)
         panels[-1, column].set_xlabel("time (s)", fontsize=9)
     panels[0, 0].set_ylabel(f"{muscles[0]}\n{label(channel)}", fontsize=9)
     unit = label(channel).rpartition("(")[2].rstrip(")")
     for axis, muscle in zip(panels[1:, 0], muscles, strict=True):
         axis.set_ylabel(f"{muscle}\nresidual ({unit})", fontsize=9)
     handles = panels[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
+    figure.legend(*handles, loc="outside upper center", ncols=4, frameon=False, fontsize=9)
     for axis in panels.ravel():
         axis.tick_params(labelsize=8)
         axis.grid(alpha=0.2)

@@ -10,6 +10,8 @@ import numpy as np
 from numba import njit
 
 from stages.science.output_channels.output_channel import Driver, OutputChannel
+from stages.science.plant.learned_map import SESSION_TIME, TIME, LearnedMap
+from stages.science.signals.histories import CHANGE, DISTANCE, RECENT, change, lag, recall, sum_distance
 from stages.science.signals.trajectories import Array
 
 LAGS = (0.02, 0.06, 0.2, 0.6, 2.0)
@@ -23,8 +25,6 @@ BUMPS = 8
 """Number of Gaussian bumps, spaced evenly over a signal's range."""
 TURNING = 0.1
 """Width of the smoothed sign of a rate, in standard deviations of the rate."""
-CHANGE, DISTANCE, RECENT = "change of", "distance by", "recent"
-"""What histories of signals are called."""
 START = 0.5
 """Time constant of what happens at a trial's start, paces."""
 
@@ -48,7 +48,7 @@ def build_features(output: OutputChannel) -> Array:
     for rate in rates:
         moved = np.cumsum(np.abs(rate), axis=0) * step
         columns += [moved * scale for scale in scales]
-    changes = [signal - _lag(signal, LAGS[1], step) for signal in states]
+    changes = [signal - lag(signal, LAGS[1], step) for signal in states]
     for each in [driver for driver in drivers if not driver.own]:
         aside = _standardise(each.values)
         columns += [*_look_aside(aside, step), *(aside * signal for _, signal in own)]
@@ -65,8 +65,8 @@ def list_memory(output: OutputChannel) -> Array:
     own = [(each, _standardise(each.values)) for each in output.drivers() if each.own]
     columns: list[Array] = []
     for signal in (signal for driver, signal in own if not driver.rate):
-        columns += [*(_lag(signal, tau, step) for tau in LAGS), *(_stop(signal, width) for width in WIDTHS)]
-    columns += [_lag(signal, tau, step) for driver, signal in own if driver.rate for tau in LAGS[:2]]
+        columns += [*(lag(signal, tau, step) for tau in LAGS), *(_stop(signal, width) for width in WIDTHS)]
+    columns += [lag(signal, tau, step) for driver, signal in own if driver.rate for tau in LAGS[:2]]
     return np.stack([_standardise(column) for column in columns], axis=2)
 
 
@@ -77,33 +77,45 @@ def list_aside(output: OutputChannel) -> Array:
 
 
 def list_histories(output: OutputChannel) -> list[Driver]:
-    """Return the past of an output's signals: where each was lately, the distance moved so far, how others change."""
+    """Return the past of an output's signals: where each was lately, the distance moved so far, how others change.
+
+    Their names are those by which `histories.find_signal` finds them.
+    """
     found, step = [], output.step_s / output.time_scale_s
     for each in output.drivers():
         if not each.own:
-            change = each.values - _lag(each.values, LAGS[1], step)
-            found.append(Driver(f"{CHANGE} {each.name}", change, own=False))
+            found.append(Driver(f"{CHANGE} {each.name}", change(each.values, step), own=False))
         elif each.rate:
-            found.append(
-                Driver(f"{DISTANCE} {each.name}", np.cumsum(np.abs(each.values), axis=0) * output.step_s, own=False)
-            )
+            found.append(Driver(f"{DISTANCE} {each.name}", sum_distance(each.values, output.step_s), own=False))
         else:
-            found.append(Driver(f"{RECENT} {each.name}", _lag(each.values, LAGS[2], step), own=False))
+            found.append(Driver(f"{RECENT} {each.name}", recall(each.values, step), own=False))
     return found
+
+
+def list_inputs(output: OutputChannel) -> list[Driver]:
+    """Return what a residual may depend on: an output's drivers, their histories, time in trial and in session."""
+    within = np.repeat((np.arange(len(output.measured)) * output.step_s)[:, None], output.trials, axis=1)
+    times = [Driver(TIME, within, own=False), Driver(SESSION_TIME, within + output.start_s, own=False)]
+    return [*output.drivers(), *list_histories(output), *times]
+
+
+def evaluate_map(learned: LearnedMap, output: OutputChannel) -> Array:
+    """Return what a learned map adds to an output, (T, K), in its unit; see `LearnedMap.evaluate`."""
+    return learned.evaluate({each.name: each.values for each in list_inputs(output)})
 
 
 def _list_past(driver: Driver, signal: Array, step: float) -> list[Array]:
     """Return what one signal was: recent means, rises, stops that follow it up to a width; or its direction."""
     if driver.rate:
         directions = [np.tanh(signal / width) for width in (TURNING, 0.5)]
-        return [*directions, signal * np.abs(signal), _lag(signal, LAGS[0], step), _lag(signal, LAGS[1], step)]
-    lags = [_lag(signal, tau, step) for tau in LAGS]
-    rises = [np.maximum(signal - lag, 0.0) for lag in lags[:RISES]]
+        return [*directions, signal * np.abs(signal), lag(signal, LAGS[0], step), lag(signal, LAGS[1], step)]
+    lags = [lag(signal, tau, step) for tau in LAGS]
+    rises = [np.maximum(signal - each, 0.0) for each in lags[:RISES]]
     kinks = [np.maximum(signal - kink, 0.0) for kink in KINKS]
     return [
         *lags,
         *rises,
-        *(_lag(rise, LAGS[1], step) for rise in rises),
+        *(lag(rise, LAGS[1], step) for rise in rises),
         *(_stop(signal, width) for width in WIDTHS),
         *kinks,
     ]
@@ -121,9 +133,9 @@ def _look_around(signal: Array, beside: list[Array], step: float) -> list[Array]
 
 def _look_aside(signal: Array, step: float) -> list[Array]:
     """Return what a signal from elsewhere was, how it curves, and how it rises."""
-    soon, late = _lag(signal, LAGS[1], step), _lag(signal, LAGS[3], step)
-    change = signal - _lag(signal, LAGS[0], step)
-    return [signal, signal**2, soon, late, change, _lag(np.maximum(change, 0.0), LAGS[1], step)]
+    soon, late = lag(signal, LAGS[1], step), lag(signal, LAGS[3], step)
+    rise = signal - lag(signal, LAGS[0], step)
+    return [signal, signal**2, soon, late, rise, lag(np.maximum(rise, 0.0), LAGS[1], step)]
 
 
 def _session(output: OutputChannel, states: list[Array]) -> list[Array]:
@@ -139,14 +151,6 @@ def _session(output: OutputChannel, states: list[Array]) -> list[Array]:
 def _standardise(signal: Array) -> Array:
     spread = float(signal.std())
     return (signal - signal.mean()) / spread if spread > 0.0 else np.zeros_like(signal)
-
-
-def _lag(signal: Array, tau: float, step: float) -> Array:
-    from scipy.signal import lfilter
-
-    decay = float(np.exp(-step / tau))
-    lagged: Array = lfilter([1.0 - decay], [1.0, -decay], signal, axis=0, zi=decay * signal[:1])[0]
-    return lagged
 
 
 @njit(cache=True, error_model="numpy")

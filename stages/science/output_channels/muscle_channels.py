@@ -27,8 +27,10 @@ from stages.science.output_channels.output_channel import (
 )
 from stages.science.plant.actuator_path import Acting, ActuatorPath, predict_force, predict_pressure
 from stages.science.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
+from stages.science.plant.learned_map import DRIVES, SESSION_TIME, TIME
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients
 from stages.science.signals.filtering import white_share
+from stages.science.signals.histories import HISTORIES
 from stages.science.signals.trajectories import Array
 
 EXACT = "saturation"
@@ -103,6 +105,12 @@ class MuscleChannel(OutputChannel):
     def take(self, trials: Sequence[int]) -> Self:
         """Return the output with some of its trials."""
         return replace(self, records=self.records.take(trials))
+
+    def can_tell(self, name: str) -> bool:
+        """Return whether a chain of muscles knows an input: own signals, what drives others, histories, and time."""
+        known = [each.name for each in self.drivers() if each.own]
+        known += [each for each in self.records.others if each.endswith(f" {DRIVES[self.channel]}")]
+        return name in (TIME, SESSION_TIME) or any(name.removeprefix(f"{each} ") in known for each in HISTORIES)
 
     def is_driven(self, least_kpa: float) -> bool:
         """Return whether its input varies, a command by more than `least_kpa`, so that there is something to judge."""

@@ -221,6 +221,17 @@ class OutputChannel(ABC):
         """
         return self
 
+    def told_by(self, constants: Mapping[str, float]) -> OutputChannel:
+        """Return the output whose drivers are told by these constants, where drivers depend on constants; else itself.
+
+        A learned map takes them so: the amended plant knows no others.
+        """
+        return self
+
+    def can_tell(self, name: str) -> bool:
+        """Return whether a simulator of this machine knows an input of `list_inputs`; here all that were measured."""
+        return True
+
     def acting(self, effects: Placed) -> OutputChannel:
         """Return the output with the inputs that act, where effects of their sensors are among its own; else itself."""
         return self

@@ -15,6 +15,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stages.science.output_channels.exact_values import Levels, find_levels
+from stages.science.output_channels.features import evaluate_map
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.output_channel import (
@@ -83,6 +84,8 @@ class WholeRecordChannel(OutputChannel):
     """Signals of the records that the plant does not name; what they explain gets no effect's name."""
     averaged: int
     forgotten: int
+    watched: Mapping[str, float] | None = None
+    """Constants by which drivers are told; those of a fit as if the residual were white, without."""
     jitters = False
 
     def __post_init__(self) -> None:
@@ -159,7 +162,18 @@ class WholeRecordChannel(OutputChannel):
         for (group, _), simulated in zip(tasks, found, strict=True):
             for place, record in enumerate(group.records):
                 whole.setdefault(record, []).append(simulated[:, place])
-        return self._cut({record: np.concatenate(each, axis=1) for record, each in whole.items()})
+        answers = self._cut({record: np.concatenate(each, axis=1) for record, each in whole.items()})
+        return answers + self._learned[:, :, None] if self.plant.learned else answers
+
+    @cached_property
+    def _learned(self) -> Array:
+        """What the plant's learned maps add, (T, K)."""
+        told = self.told_by(self.plant.starts) if self.watched is None else self
+        return np.sum([evaluate_map(each, told) for each in self.plant.learned], axis=0)
+
+    def told_by(self, constants: Mapping[str, float]) -> Self:
+        """Return the output whose drivers are told by these constants."""
+        return replace(self, watched=constants)
 
     @cached_property
     def _groups(self) -> list[_Group]:
@@ -198,10 +212,11 @@ class WholeRecordChannel(OutputChannel):
 
     def drivers(self) -> list[Driver]:
         """Return what the plant watches, cut into blocks."""
+        constants = self.watched or (self.plant.starts if self.plant.learned else self._linear)
         watched = {}
         for record in self._used:
             signals = {name: values[:, None] for name, values in self.records[record].items()}
-            watched[record] = self.plant.watch(signals, self.step_s, self._linear)
+            watched[record] = self.plant.watch(signals, self.step_s, constants)
         first = watched[self._used[0]]
         if len({rate for *_, rate in first}) < 2:
             told = ", ".join(f"{name} (rate={rate})" for name, _, rate in first) or "none"

@@ -5,6 +5,7 @@ import numpy as np
 from stages.science.plant.actuator_path import Acting, ActuatorPath
 from stages.science.plant.effect import ChainEffect
 from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.plant.learned_map import act_on_muscle
 from stages.science.plant.plant import Plant, collect_constants
 
 BENDING = ("acting_pressure_kpa", "contraction", "force_n", "tension_n")
@@ -28,6 +29,7 @@ class Chain(ActuatorPath):
             for on in [entry.muscles]
             if isinstance(entry.effect, ChainEffect)
         ]
+        effects += [Acting(act_on_muscle(learned, names), {}) for learned in plant.learned]
         constants, step_s = collect_constants(exoskeleton, plant), 1.0 / exoskeleton.sampling_rate_hz
         super().__init__(constants, effects, step_s, np.full(len(names), start_s))
 

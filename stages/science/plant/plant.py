@@ -14,6 +14,7 @@ from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.effect import DynamicEffect, Effect, ElementEffect, find_effect, list_forms
 from stages.science.plant.effect_config import EffectConfig, check_parameters
 from stages.science.plant.exoskeleton import Exoskeleton, Muscle
+from stages.science.plant.learned_map import ADDED_TO, LearnedMap
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients
 
 
@@ -114,6 +115,7 @@ class Plant(Declared):
         ge=1, le=100, description="passes that feed force effects back; each simulates the trial, and few suffice"
     )
     effects: list[AppliedEffect]
+    learned: list[LearnedMap] = Field(default=[], description="maps without a name, of what no effect explains")
 
     def count_substeps(self, step_s: float) -> int:
         """Return the integrator's steps in a sample, s."""
@@ -144,6 +146,13 @@ class Plant(Declared):
                 if kind == "joint" and (entry.name, name) in seen:
                     raise ValueError(f"effect {entry.name} is listed twice for joint {name}; list it once")
                 seen.add((entry.name, name))
+        for index, learned in enumerate(self.learned):
+            for what, name, known in (
+                ("element", learned.element, exoskeleton.muscle_names),
+                ("channel", learned.channel, list(ADDED_TO)),
+            ):
+                if name not in known:
+                    raise ValueError(f"plant.learned.{index}.{what}: got '{name}'; {nearest(name, known)}")
         return self
 
     def model_of(self, muscle: Muscle) -> MuscleModel:

@@ -15,6 +15,7 @@ from pydantic import BaseModel, Field, model_validator
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import DynamicEffect, Effect, Parameter
 from stages.science.plant.effect_config import EffectConfig, NominalConstant, find_effect_at, infer_from_data
+from stages.science.plant.learned_map import LearnedMap
 from stages.science.plant.linear_guess import find_pace
 from stages.science.signals.trajectories import Array
 
@@ -140,6 +141,7 @@ class RecordPlant(Declared):
     time_scale_s: Positive | None
     constants: Any
     effects: Sequence[EffectConfig]
+    learned: list[LearnedMap] = Field(default=[], description="maps without a name, of what no effect explains")
 
     @model_validator(mode="before")
     @classmethod
@@ -373,12 +375,18 @@ class RecordPlant(Declared):
         """Return the features of a flexible model, (T, K, F), as the output answers to them: here at once."""
         return features
 
-    def amend(self, constants: Mapping[str, float], effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> Self:
-        """Return the plant with fitted constants and with effects, as (name, form, parameters), added to its list."""
+    def amend(
+        self,
+        constants: Mapping[str, float],
+        effects: Sequence[tuple[str, str, Mapping[str, float]]],
+        learned: Sequence[LearnedMap] = (),
+    ) -> Self:
+        """Return the plant with fitted constants, and with effects, as (name, form, parameters), and maps added."""
         told = self.model_dump()
         for name, value in constants.items():
             told["constants"][name]["start"] = value
         told["effects"] += [{"name": name, "form": form, **values} for name, form, values in effects]
+        told["learned"] += [each.model_dump() for each in learned]
         return type(self).model_validate(told)
 
     def place(self, effects: Sequence[Placed] = ()) -> list[Placed]:

@@ -15,6 +15,7 @@ from stages.science.discrepancy.report_text import describe_remainder
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.settings import DescriptionSettings
 from stages.science.discrepancy.symbolic_regression import sketch_residual
+from stages.science.output_channels.features import list_inputs
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.output_channel import Driver
@@ -38,7 +39,7 @@ def plant(seed, surface, noise=NOISE):
 
 def depend(output, residual, settings=DESCRIPTION):
     """Return on what a residual depends, and the share of it that this takes away of trials left out."""
-    found = find_dependence(output, residual, settings, np.random.default_rng(0))
+    found = find_dependence(output, list_inputs(output), residual, settings, np.random.default_rng(0))
     left = residual - found.heldout
     return found, measure_share((residual**2).sum(axis=0), (left**2).sum(axis=0), WEIGHTS, 0.95)
 

@@ -40,7 +40,7 @@ GONE = {**EFFECT, "reproduced": False, "step": {"before": 0.034, "after": 0.033,
 ELSEWHERE = {**EFFECT, "channel": "pressure"}
 LEAKAGE = {"name": "leakage", "channel": "pressure", "muscles": ["pam2"], "probability": 0.4, "p_value": 0.03}
 CANDIDATES = (("hysteresis", 0.93, 0.021), ("coulomb_friction", 0.05, 0.05), ("none", 0.02, 0.081))
-RESOLVED = {"status": "none", "share": 0.1, "family": None, "line_hz": None, "imitated": 0.0, "depends_on": []}
+RESOLVED = {"status": "none", "share": 0.1, "family": None, "line_hz": None, "imitated": 0.0, "learned_maps": []}
 DOUBTED = {**RESOLVED, "imitated": 0.6, "share": 0.08}
 LEFT_OVER = {**RESOLVED, "status": "unexplained", "share": 0.4}
 NAMED = {
@@ -134,10 +134,10 @@ def test_a_floor_far_above_the_sensor_s_noise_is_told_with_its_place():
 def test_the_remainder_is_that_of_the_channel_in_which_it_is_most_probable():
     table = pd.DataFrame({"channel": ["x", "y"], "share": [-0.2, 0.9], "probability": [0.1, 1.0]})
     table = table.assign(family=["", "memory"], line_hz=[13.0, np.nan], imitated=[0.3, 0.0])
-    left = summarise_remainder(table, pd.DataFrame({"inputs": []}), 0.5)
+    left = summarise_remainder(table, pd.DataFrame({"inputs": []}), [], 0.5)
     told = {"status": "unexplained", "family": "memory", "share": 0.9, "probability": 1.0, "channel": "y"}
-    assert left == {**told, "line_hz": None, "imitated": 0.3, "patch": None, "depends_on": []}
-    faint = summarise_remainder(table.iloc[:1], pd.DataFrame({"inputs": []}), 0.5)
+    assert left == {**told, "line_hz": None, "imitated": 0.3, "patch": None, "learned_maps": [], "depends_on": []}
+    faint = summarise_remainder(table.iloc[:1], pd.DataFrame({"inputs": []}), [], 0.5)
     assert (faint["status"], faint["share"], faint["line_hz"]) == ("none", 0.0, 13.0)
 
 
