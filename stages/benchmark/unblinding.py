@@ -14,7 +14,6 @@ from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
-from stages.science.figures.verified_gap import MAP
 from stages.science.rig.sessions import seal_truth
 
 COMPARISON_WITH_TRUTH = Table(
@@ -59,9 +58,9 @@ def unblinding(
     hidden = recorded.truth["effects"]
     rows = _compare(hidden, recorded.truth["gap_over_floor"], named_effects, channels)
     driven = verification[verification["simulation"] == "measured upstream"]
-    after = driven["gap"].iloc[named_effects["order"].max() if len(named_effects) else 0]
-    learned = driven.loc[driven["label"] == MAP, "gap"]
-    mended = f", and to {100 * learned.iloc[0]:.2g} % with learned maps, which have no name" if len(learned) else ""
+    named = named_effects["order"].max() if len(named_effects) else 0
+    after, *learned = driven["gap"].iloc[named:-1]
+    mended = f", and to {100 * learned[0]:.2g} % with learned maps, which have no name" if learned else ""
     names = " and ".join(f"{_in_words(each['name'])} on {', '.join(each['muscles'])}" for each in hidden)
     told = f"{names} ({recorded.truth['scenario']['magnitude']})" if hidden else "nothing"
     outcome = [

@@ -20,6 +20,7 @@ from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.patch import read_patches
 from stages.science.discrepancy.report_text import (
+    describe_bands,
     describe_bounds,
     describe_few_trials,
     describe_forgotten,
@@ -34,6 +35,7 @@ from stages.science.discrepancy.report_text import (
     describe_uninformative,
     describe_verdict,
 )
+from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.signature import trace_effects
@@ -50,6 +52,7 @@ from stages.science.discrepancy.verification import (
     Verified,
     bound_ratio,
     compare_steps,
+    find_coverage,
     find_odd_trials,
     list_predictions,
     measure_maps,
@@ -95,6 +98,16 @@ PREDICTIONS = Table(
         "before": column(float, "nominal model, fitted", unit="of the channel"),
         "after": column(float, "with what was named", unit="of the channel"),
         "patched": column(float, "with learned maps too, where there are any", unit="of the channel"),
+        "low": column(
+            float, "lower end of the band about patched in which a sample is expected", unit="of the channel"
+        ),
+        "high": column(float, "upper end of it", unit="of the channel"),
+        "deviation": column(
+            float,
+            "standard deviation of patched by its constants and effects, apart from noise",
+            unit="of the channel",
+            low=0,
+        ),
     },
     key=("trial", "channel", "muscle", "time_s"),
 )
@@ -136,7 +149,9 @@ def verify_gap(
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     test = dataset.test
     learned = read_patches(learned_maps)
-    verified = verify(dataset.outputs, dataset.fitted, found, learned)
+    weights = resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample", "bands"))
+    verified = verify(dataset.outputs, dataset.fitted, found, learned, weights)
+    bands = find_coverage(verified, test, settings, ctx.generator("resample", "coverage"))
     concerned = list(dict.fromkeys(named["channel"])) or list(dict.fromkeys(channels["channel"]))
     judged = [each for each in verified if each.output.channel in concerned]
     labels = ["nominal", *(f"+ {name}" for name in named.drop_duplicates("order")["name"])]
@@ -167,10 +182,11 @@ def verify_gap(
             **summarise_gap(driven, last, judged),
             "over_floor": {**over_floor, "smallest": settings.search.smallest_gap},
         },
+        "bands": bands,
         "verification_trials": [dataset.trials[place] for place in test],
     }
     ctx.verdict(verdict)
-    predictions = list_predictions(verified, dataset, last)
+    predictions = list_predictions(verified, dataset, last, settings.level)
     ctx.figure(
         "gap_waterfall",
         draw_gap_waterfall(verification[verification["part"] == TEST]),
@@ -192,6 +208,7 @@ def verify_gap(
         *describe_times(verdict["effects"], dataset.plant),
         *(describe_scales(dataset.plant) if status == "named" else []),
         *describe_maps(maps, settings.significance),
+        describe_bands(bands),
         *describe_remainder(remainder, status, report),
         *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
         *describe_odd_trials(odd.to_dict("records")),

@@ -58,6 +58,13 @@ def test_a_law_without_a_name_is_learned_and_the_amended_plant_simulates_with_it
     predictions = pd.read_parquet(run / "tables" / "predictions.parquet")
     assert pool_gap(predictions, ["output_mm"], "patched") == pytest.approx(learned["after"], rel=1e-9)
     assert pool_gap(predictions, ["output_mm"], "after") == pytest.approx(verdict["gap"]["after"], rel=1e-9)
+    bands = verdict["bands"]
+    opened = predictions[predictions["part"] == "verification"]
+    inside = (opened["low"] <= opened["measured"]) & (opened["measured"] <= opened["high"])
+    assert inside.mean() == pytest.approx(bands["coverage"], abs=1e-9)
+    assert bands["low"] <= bands["coverage"] <= bands["high"]
+    assert 0.9 < bands["coverage"] < 0.99
+    assert (opened["deviation"] > 0.0).all()
     assert "is mended by a learned map, of input: on trials not fitted the gap there goes from" in said
     amended = run / "documents" / "amended.yaml"
     (kept,) = yaml.safe_load(amended.read_text())["learned"]

@@ -341,6 +341,15 @@ def describe_maps(maps: Sequence[Mapping[str, Any]], significance: float) -> lis
     return sentences
 
 
+def describe_bands(bands: Mapping[str, float]) -> str:
+    """Return what share of the test trials' samples bands about the amended simulation hold."""
+    return (
+        f"The {_percent(bands['level'])} bands about the amended simulation, in the table predictions, hold "
+        f"{_percent(bands['coverage'])} of the samples of these trials ({_percent(bands['low'])} to "
+        f"{_percent(bands['high'])})."
+    )
+
+
 def _describe_dependence(name: str, rows: Sequence[Mapping[Any, Any]], concentrated: float) -> str:
     first, inputs = rows[0], _name_inputs(rows[0])
     unit = name_signal(str(first["inputs"]).split(", ")[0])[1]

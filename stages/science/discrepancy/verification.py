@@ -9,13 +9,15 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 
+from stages.science.discrepancy.bands import Band, find_band, measure_coverage
 from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.resampling import find_interval, resample
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.features import evaluate_map
-from stages.science.output_channels.fitting import Model, fit
+from stages.science.output_channels.fitting import Fit, Model, fit
 from stages.science.output_channels.flexible import Mask, find_floor
 from stages.science.output_channels.muscle_channels import ForceChannel, MuscleChannel
 from stages.science.output_channels.noise import Noise
@@ -42,6 +44,8 @@ class Verified:
     steps: list[Array]
     free: list[Array]
     floor: Array
+    band: Band
+    """About the last step."""
 
     def squares(self, simulated: Array) -> Array:
         """Return each trial's sum of squares over the range squared."""
@@ -50,11 +54,11 @@ class Verified:
 
 
 def verify(
-    outputs: Sequence[OutputChannel], fitted: Sequence[int], found: SearchTables, learned: Maps
+    outputs: Sequence[OutputChannel], fitted: Sequence[int], found: SearchTables, learned: Maps, weights: Array
 ) -> list[Verified]:
     """Simulate every output channel, with all trials, after each addition, and last with maps, where there are any.
 
-    `fitted` are positions of trials.
+    `fitted` are positions of trials, which weights, (B, F), draw again.
     """
     learnt = np.isin(np.arange(outputs[0].trials), list(fitted))
     pressures: dict[tuple[str, int], Array] = {}
@@ -74,8 +78,12 @@ def verify(
                 free.append(_simulate(driven, model, values, maps))
             if output.channel == "pressure_kpa":
                 pressures[output.element, place] = simulated[-1]
-        floor = find_test_floor(model, values, found.read_noise(output), learnt) / output.range**2
-        verified.append(Verified(output, simulated, free, floor))
+        seen, still = _keep_values(model, values, found.read_noise(output))
+        floor = _find_floor(seen, still, found.read_noise(output), learnt) / output.range**2
+        band = _find_band(seen, still, learnt, weights)
+        known = learned.get((output.channel, output.element))
+        band = band if known is None else band.beside(known.deviation)
+        verified.append(Verified(output, simulated, free, floor, band))
     return verified
 
 
@@ -89,11 +97,27 @@ def _simulate(output: OutputChannel, model: Model, values: Array, maps: Maps) ->
 
 def find_test_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
     """Return each trial's sum of squares left by a flexible model fitted to the `learnt` trials; zero without data."""
+    return _find_floor(*_keep_values(model, values, noise), noise, learnt)
+
+
+def _keep_values(model: Model, values: Array, noise: Noise) -> tuple[NDArray[np.intp], Fit]:
+    """Return the trials with data, by position, and the model of these at its values."""
     seen = np.flatnonzero(model.output.present.any(axis=0))
-    still = fit(replace(model, output=model.output.take(seen.tolist())), noise, values, iterations=0)
-    floor = np.zeros(model.output.trials)
+    return seen, fit(replace(model, output=model.output.take(seen.tolist())), noise, values, iterations=0)
+
+
+def _find_floor(seen: NDArray[np.intp], still: Fit, noise: Noise, learnt: Mask) -> Array:
+    floor = np.zeros(len(learnt))
     floor[seen] = find_floor(still, noise, learnt[seen]).raw
     return floor
+
+
+def _find_band(seen: NDArray[np.intp], still: Fit, learnt: Mask, weights: Array) -> Band:
+    """Return the band of all trials by weights of the learnt ones, zero without data."""
+    band = find_band(still, learnt[seen], weights[:, np.isin(np.flatnonzero(learnt), seen)])
+    simulated = np.zeros((len(band.simulated), len(learnt)))
+    simulated[:, seen] = band.simulated
+    return band._replace(simulated=simulated)
 
 
 def _pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> Array:
@@ -210,11 +234,27 @@ def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: 
     return float(np.sqrt(np.mean(np.square(known)))) if known else np.nan
 
 
-def list_predictions(found: Sequence[Verified], dataset: Dataset, last: int) -> pd.DataFrame:
-    """Return every sample as measured, as simulated before and after the `last` addition, and with learned maps."""
+def find_coverage(
+    found: Sequence[Verified], trials: Sequence[int], settings: DiscrepancySettings, generator: np.random.Generator
+) -> dict[str, float]:
+    """Return the share of the samples of some trials that bands hold, with its interval over trials drawn again."""
+    chosen, within = list(trials), []
+    for each in found:
+        misses = np.abs(each.output.measured - each.steps[-1]) > each.band.reach(settings.level)
+        within.append((each.output.present & ~misses).sum(axis=0)[chosen])
+    counts = sum(each.output.present.sum(axis=0)[chosen] for each in found)
+    weights = resample(len(chosen), settings.bootstraps, generator)
+    return measure_coverage(sum(within), counts, weights, settings.level)
+
+
+def list_predictions(found: Sequence[Verified], dataset: Dataset, last: int, level: float) -> pd.DataFrame:
+    """Return every sample as measured, as simulated before and after the `last` addition, and with learned maps.
+
+    The latter with the band of a level in which a measurement is expected, and the simulation's own deviation apart.
+    """
     frames = []
     for each in found:
-        output = each.output
+        output, half = each.output, each.band.reach(level)
         place, sample = np.nonzero(output.present.T)
         rows = {
             "trial": np.array(dataset.trials)[place],
@@ -226,6 +266,9 @@ def list_predictions(found: Sequence[Verified], dataset: Dataset, last: int) -> 
             "before": each.steps[0][sample, place],
             "after": each.steps[last][sample, place],
             "patched": each.steps[-1][sample, place],
+            "low": (each.steps[-1] - half)[sample, place],
+            "high": (each.steps[-1] + half)[sample, place],
+            "deviation": each.band.simulated[sample, place],
         }
         frames.append(pd.DataFrame(rows))
     return pd.concat(frames, ignore_index=True)

@@ -157,7 +157,7 @@ def draw_verified_trials(
 ) -> Figure:
     """Draw the first muscle's channel in each trial, a column each, and below it each muscle's residuals, a row each.
 
-    Predictions have columns trial, time_s, muscle, channel, measured, before, after and patched.
+    Predictions have columns trial, time_s, muscle, channel, measured, before, after, patched, low and high.
     """
     told = [name for name in SIMULATED if name != "patched" or not predictions["patched"].equals(predictions["after"])]
     heights = [1.4, *(1.0 for _ in muscles)]
@@ -174,6 +174,10 @@ def draw_verified_trials(
         for axis, muscle in zip(panels[1:, column], muscles, strict=True):
             line = rows[rows["muscle"] == muscle]
             axis.axhline(0.0, color=MEASURED, linewidth=0.8)
+            ends = (line[end] - line["patched"] for end in ("low", "high"))
+            axis.fill_between(
+                line["time_s"], *ends, color=QUIET, alpha=0.35, linewidth=0.0, label="band about the last"
+            )
             for name in told:
                 axis.plot(line["time_s"], line["measured"] - line[name], color=SIMULATED[name][0], linewidth=0.9)
         panels[-1, column].set_xlabel("time (s)", fontsize=9)
@@ -181,8 +185,9 @@ def draw_verified_trials(
     unit = label(channel).rpartition("(")[2].rstrip(")")
     for axis, muscle in zip(panels[1:, 0], muscles, strict=True):
         axis.set_ylabel(f"{muscle}\nresidual ({unit})", fontsize=9)
-    handles = panels[0, 0].get_legend_handles_labels()
-    figure.legend(*handles, loc="outside upper center", ncols=4, frameon=False, fontsize=9)
+    lines, areas = (panels[row, 0].get_legend_handles_labels() for row in (0, 1))
+    handles = [*lines[0], *areas[0]], [*lines[1], *areas[1]]
+    figure.legend(*handles, loc="outside upper center", ncols=5, frameon=False, fontsize=9)
     for axis in panels.ravel():
         axis.tick_params(labelsize=8)
         axis.grid(alpha=0.2)
