@@ -277,6 +277,12 @@ class Context:
             write_text(path, "".join(f"# {line}\n" for line in comments) + text, final=True)
         self._note(path, kind="document")
 
+    def source(self, name: str, text: str) -> None:
+        """Keep a Python file as ``documents/NAME.py``."""
+        path = self.folder / "documents" / f"{name}.py"
+        write_text(path, text, final=True)
+        self._note(path, kind="document")
+
     def verdict(self, mapping: Mapping[str, Any]) -> None:
         """Keep what a workflow came to as ``verdict.json``, beside the run's tables."""
         path = self.folder / "verdict.json"

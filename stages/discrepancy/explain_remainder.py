@@ -5,6 +5,9 @@ of a muscle whose gap is still above the noise floor; and `learned_maps`, which 
 trials are looked at, and nothing is named.
 """
 
+from collections.abc import Sequence
+from typing import Any
+
 import pandas as pd
 
 from pipeline.config import Section
@@ -13,11 +16,14 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.description import Description, average_dependence, describe_above_floor, tabulate
+from stages.science.discrepancy.effect_file import choose_formula, write_effect
 from stages.science.discrepancy.patch import list_patches
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DescriptionSettings, DiscrepancySettings
 from stages.science.figures.located_gap import draw_unexplained
 from stages.science.plant.machine import Machine
+from stages.science.plant.plant import Plant
+from stages.science.plant.record_plant import RecordPlant
 
 REMAINDER = Table(
     "remainder",
@@ -65,6 +71,15 @@ LEARNED_MAPS = Table(
     key=("channel", "muscle", "point", "input"),
     brief=("channel", "muscle", "input", "low", "high", "deviation"),
 )
+OWN_EFFECT = Table(
+    "own_effect",
+    "An effect that was to be written from the formula of what is left",
+    {
+        "name": column(str, "of the effect"),
+        "file": column(str, "in the run's folder; empty where none could be written"),
+        "told": column(str, "its formula, or why there is none"),
+    },
+)
 
 
 class Config(Section):
@@ -76,13 +91,15 @@ class Config(Section):
     seed: int
 
 
-@stage(REMAINDER, LEARNED_MAPS, stream="describe_remainder")
+@stage(REMAINDER, LEARNED_MAPS, OWN_EFFECT, stream="describe_remainder")
 def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, ctx: Context) -> dict[str, pd.DataFrame]:
     """Describe what the amended model leaves above the noise floor, and learn a map of it."""
     settings = cfg.discrepancy
     described: list[Description] = []
+    plant = cfg.plant
     if (found.channels["gap_over_floor"] > settings.search.smallest_gap).any():
         dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
+        plant = dataset.plant
         described = describe_above_floor(dataset, found, settings, cfg.explain_remainder, ctx.generator)
     averages = average_dependence(described)
     if len(averages):
@@ -92,5 +109,27 @@ def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, c
             "What stays unexplained, on average over the input that tells most of it (points, two standard errors over "
             "trials), and what a Gaussian process makes of it (lines, two standard deviations). It has no name.",
         )
-    rows = (REMAINDER, [tabulate(each) for each in described]), (LEARNED_MAPS, list_patches(described))
-    return {table.name: pd.DataFrame(kept, columns=list(table.columns)) for table, kept in rows}
+    rows: dict[str, list[Any]] = {
+        REMAINDER.name: [tabulate(each) for each in described],
+        LEARNED_MAPS.name: list_patches(described),
+        OWN_EFFECT.name: []
+        if settings.write_effect is None
+        else [keep_effect(settings.write_effect, described, plant, ctx)],
+    }
+    return {
+        table.name: pd.DataFrame(rows[table.name], columns=list(table.columns)) for table in explain_remainder.writes
+    }
+
+
+def keep_effect(
+    name: str, described: Sequence[Description], plant: Plant | RecordPlant, ctx: Context
+) -> dict[str, str]:
+    """Write an effect of a name among the run's documents, and return its row of `own_effect`."""
+    best = choose_formula(described)
+    if best is None:
+        return {"name": name, "file": "", "told": "no formula of what is left is confirmed by trials left out"}
+    try:
+        ctx.source(name, write_effect(name, best, plant))
+    except ValueError as refusal:
+        return {"name": name, "file": "", "told": str(refusal)}
+    return {"name": name, "file": f"documents/{name}.py", "told": best.sketch.formula}

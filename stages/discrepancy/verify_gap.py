@@ -27,6 +27,7 @@ from stages.science.discrepancy.report_text import (
     describe_high_floor,
     describe_maps,
     describe_odd_trials,
+    describe_own_effect,
     describe_rate,
     describe_remainder,
     describe_scales,
@@ -141,6 +142,7 @@ def verify_gap(
     amended_values: pd.DataFrame,
     remainder: pd.DataFrame,
     learned_maps: pd.DataFrame,
+    own_effect: pd.DataFrame,
     ctx: Context,
 ) -> dict[str, pd.DataFrame]:
     """Open the test trials, once, and report what was found."""
@@ -210,6 +212,7 @@ def verify_gap(
         *describe_maps(maps, settings.significance),
         describe_bands(bands),
         *describe_remainder(remainder, status, report),
+        *describe_own_effect(own_effect),
         *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
         *describe_odd_trials(odd.to_dict("records")),
         *describe_bounds(amended_values),

@@ -9,6 +9,7 @@ import yaml
 from scipy.signal import lfilter
 
 from tests.discrepancy.test_discrepancy import pool_gap
+from tests.science.discrepancy.test_effect_file import load
 
 NOISE_MM = 0.02
 MAPPED = "columns.time_s=t", "columns.record=run", "+columns.input_v=input_v", "+columns.output_mm=output_mm"
@@ -45,7 +46,7 @@ def test_a_law_without_a_name_is_learned_and_the_amended_plant_simulates_with_it
         gaps = rows[rows["part"] == "verification"].set_index("label")["gap"]
         return run, json.loads((run / "verdict.json").read_text()), gaps, " ".join(result.stdout.split())
 
-    run, verdict, gaps, said = judge(*SPRING)
+    run, verdict, gaps, said = judge(*SPRING, "discrepancy.write_effect=my_bend")
     assert (verdict["status"], verdict["effects"]) == ("unexplained", [])
     left = verdict["remainder"]
     assert left["patch"] == "documents/amended.yaml"
@@ -66,6 +67,9 @@ def test_a_law_without_a_name_is_learned_and_the_amended_plant_simulates_with_it
     assert 0.9 < bands["coverage"] < 0.99
     assert (opened["deviation"] > 0.0).all()
     assert "is mended by a learned map, of input: on trials not fitted the gap there goes from" in said
+    effect, _ = load((run / "documents" / "my_bend.py").read_text())
+    assert (effect.name, effect.site) == ("my_bend", "element")
+    assert "is an effect now: type cp RUN/documents/my_bend.py stages/science/effects/" in said
     amended = run / "documents" / "amended.yaml"
     (kept,) = yaml.safe_load(amended.read_text())["learned"]
     assert kept["inputs"][0]["low"] < -1.0 < 1.0 < kept["inputs"][0]["high"]

@@ -1,5 +1,7 @@
 """Sections of the configuration that the stages of the discrepancy workflow share."""
 
+import keyword
+import re
 from importlib.util import find_spec
 from typing import Literal, Self
 
@@ -92,6 +94,7 @@ class DiscrepancySettings(Declared):
     bootstraps: int = Field(ge=100, le=100000)
     level: float = Field(gt=0.5, lt=1.0)
     patch: Literal["none", "when_unexplained", "always"]
+    write_effect: str | None
     search: SearchSettings
     regimes: RegimeSettings
     detection: DetectionSettings
@@ -99,6 +102,15 @@ class DiscrepancySettings(Declared):
     report: ReportSettings
     max_pressure_kpa: dict[str, float]
     tolerances: dict[str, dict[str, Tolerance]]
+
+    @field_validator("write_effect")
+    @classmethod
+    def _is_a_new_name(cls, name: str | None) -> str | None:
+        if name is not None and (re.fullmatch("[a-z][a-z0-9_]*", name) is None or keyword.iskeyword(name)):
+            raise ValueError(f"expected a name of small letters, digits and _, such as my_friction, got {name}")
+        if name in list_effects():
+            raise ValueError(f"there is an effect {name} already; choose another name")
+        return name
 
     @property
     def significance(self) -> float:

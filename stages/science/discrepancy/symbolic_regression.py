@@ -36,6 +36,10 @@ class Sketch:
     terms: tuple[tuple[str, float], ...]
     before: Array
     after: Array
+    code: tuple[str, ...] = ()
+    """The terms in Python, of the inputs x[0], x[1] and so on; empty where what answers is a motion."""
+    sizes: tuple[float, ...] = ()
+    """Root mean squares of the terms."""
 
     @property
     def formula(self) -> str:
@@ -71,8 +75,9 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSet
     nothing = Sketch((), squares, squares)
     if not inputs or output.trials < 3 or squares.sum() == 0.0:
         return nothing
-    names, library = _build_library(inputs, output.present)
+    names, code, library = _build_library(inputs, output.present)
     answers = output.respond(library)
+    code += [""] * (answers.shape[2] - len(code))
     names += [f"answer to ({name})" for name in names][: answers.shape[2] - len(names)]
     terms = np.where(present[:, :, None], answers[::stride], 0.0)
     sizes = np.sqrt(np.maximum((terms**2).sum(axis=(0, 1)) / present.sum(), 1e-300))
@@ -94,19 +99,21 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSet
         return nothing
     weights = scale * sums.solve(total, chosen)[sums.held :] / sizes[chosen]
     told = tuple((names[k], float(weight)) for k, weight in zip(chosen, weights, strict=True))
-    return Sketch(told, squares, scale**2 * left[level])
+    kept = tuple(code[k] for k in chosen), tuple(float(sizes[k]) for k in chosen)
+    return Sketch(told, squares, scale**2 * left[level], *kept)
 
 
-def _build_library(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> tuple[list[str], Array]:
-    """Return the terms that a formula may have: their texts, and their values, (T, K, F), in the inputs' own units."""
+def _build_library(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> tuple[list[str], list[str], Array]:
+    """Return the terms that a formula may have: texts, Python, and values, (T, K, F), in the inputs' own units."""
     words = [name_signal(each.name)[0] for each in inputs]
     atoms = [f"[{each}]" if " " in each else each for each in words]
-    names, columns = ["1"], [np.ones(present.shape)]
+    names, code, columns = ["1"], ["np.ones_like(x[0])"], [np.ones(present.shape)]
     for degree in range(1, DEGREE + 1):
         for chosen in combinations_with_replacement(range(len(inputs)), degree):
             own = [atoms[k] for k in chosen]
             powers = {atom: own.count(atom) for atom in own}
             names.append("*".join(f"{atom}^{power}" if power > 1 else atom for atom, power in powers.items()))
+            code.append(" * ".join(f"x[{k}]" for k in chosen))
             columns.append(np.prod([inputs[k].values for k in chosen], axis=0))
     for place, each in enumerate(inputs):
         if not each.rate:
@@ -114,12 +121,15 @@ def _build_library(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> tupl
         width = TURNING * float(each.values[present].std())
         direction, text = np.tanh(each.values / width), f"tanh({atoms[place]}/{width:.2g})"
         names += [f"{atoms[place]}*|{words[place]}|", text]
+        turn = f"np.tanh(x[{place}] / {width!r})"
+        code += [f"x[{place}] * np.abs(x[{place}])", turn]
         columns += [each.values * np.abs(each.values), direction]
         for other, beside in enumerate(inputs):
             if other != place:
                 names.append(f"{text}*{atoms[other]}")
+                code.append(f"{turn} * x[{other}]")
                 columns.append(direction * beside.values)
-    return names, np.stack(columns, axis=2)
+    return names, code, np.stack(columns, axis=2)
 
 
 @dataclass(frozen=True)
