@@ -67,6 +67,8 @@ LEARNED_MAPS = Table(
         "high": column(float, "largest value there", unit="of the input"),
         "weight": column(float, "height of the bump", unit="of the channel"),
         "deviation": column(float, "root mean square of what the map leaves, trials left out", unit="of the channel"),
+        "lowest": column(float, "least value that the map had where it was learnt", unit="of the channel"),
+        "highest": column(float, "largest value that it had there", unit="of the channel"),
     },
     key=("channel", "muscle", "point", "input"),
     brief=("channel", "muscle", "input", "low", "high", "deviation"),

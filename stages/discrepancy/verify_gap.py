@@ -25,6 +25,7 @@ from stages.science.discrepancy.report_text import (
     describe_few_trials,
     describe_forgotten,
     describe_high_floor,
+    describe_loaded_maps,
     describe_maps,
     describe_odd_trials,
     describe_own_effect,
@@ -209,6 +210,7 @@ def verify_gap(
     remarks = [
         *describe_times(verdict["effects"], dataset.plant),
         *(describe_scales(dataset.plant) if status == "named" else []),
+        *describe_loaded_maps(dataset),
         *describe_maps(maps, settings.significance),
         describe_bands(bands),
         *describe_remainder(remainder, status, report),

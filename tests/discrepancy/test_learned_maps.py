@@ -56,6 +56,7 @@ def test_a_law_without_a_name_is_learned_and_the_amended_plant_simulates_with_it
     noise = NOISE_MM / pd.read_csv(tmp_path / "runs.csv")["output_mm"].agg(np.ptp)
     assert gaps["nominal"] > 5.0 * noise
     assert gaps["+ learned map"] < 1.1 * noise
+    assert gaps["noise floor"] == gaps["+ learned map"]  # which leaves less than generic features do
     predictions = pd.read_parquet(run / "tables" / "predictions.parquet")
     assert pool_gap(predictions, ["output_mm"], "patched") == pytest.approx(learned["after"], rel=1e-9)
     assert pool_gap(predictions, ["output_mm"], "after") == pytest.approx(verdict["gap"]["after"], rel=1e-9)
@@ -75,7 +76,23 @@ def test_a_law_without_a_name_is_learned_and_the_amended_plant_simulates_with_it
     assert kept["inputs"][0]["low"] < -1.0 < 1.0 < kept["inputs"][0]["high"]
     assert kept["deviation"] == pytest.approx(NOISE_MM, rel=0.2)
 
-    _, again, mended, _ = judge(f"plant={amended}")
+    wrong = tmp_path / "wrong.yaml"
+    for what, other in (("channel", "pressure_kpa"), ("element", "pam1")):
+        plant = yaml.safe_load(amended.read_text())
+        plant["learned"][0][what] = other
+        wrong.write_text(yaml.safe_dump(plant))
+        refused = pamid(*line, f"plant={wrong}", "plan=true")
+        assert refused.returncode == 2
+        assert f"plant.learned.0.{what}: expected " in refused.stderr
+    plant = yaml.safe_load(amended.read_text())
+    plant["learned"][0]["inputs"][0]["name"] = "recent water_degc"
+    wrong.write_text(yaml.safe_dump(plant))
+    refused = pamid(*line, f"plant={wrong}", "plan=true")
+    assert refused.returncode == 2
+    assert "add +columns.water_degc=COLUMN, or take all maps out with plant.learned=[]" in refused.stderr
+
+    _, again, mended, said = judge(f"plant={amended}")
+    assert "has a learned map of input from before (plant.learned): " in said
     assert again["status"] == "no_discrepancy"
     assert mended["nominal"] == pytest.approx(gaps["+ learned map"], rel=0.02)
 

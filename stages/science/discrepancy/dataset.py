@@ -15,11 +15,13 @@ from stages.science.discrepancy.parts import FITTED, VERIFICATION
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.output_channels.whole_record_channel import FEWEST, build_whole_records
+from stages.science.plant.learned_map import SESSION_TIME, TIME
 from stages.science.plant.machine import list_kinds
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import NOTHING, RecordPlant
 from stages.science.recording.measured_tables import MeasuredTables
 from stages.science.recording.muscles import NOMINAL
+from stages.science.recording.units import ENDS
 
 
 @dataclass(frozen=True)
@@ -117,6 +119,20 @@ def check_plant(plant: Plant | RecordPlant, kind: str, known: Sequence[str]) -> 
         raise ValueError(f"plant: expected one that simulates {kind}, got another kind of machine; set {hint}")
     if not isinstance(plant, RecordPlant):
         return
+    for index, learned in enumerate(plant.learned):
+        for what, got, own in (
+            ("channel", learned.channel, plant.output),
+            ("element", learned.element, plant.element),
+        ):
+            if got != own:
+                raise ValueError(f"plant.learned.{index}.{what}: expected {own}, which the plant tells, got {got}")
+        for name in (each.name.rpartition(" ")[2] for each in learned.inputs):
+            if name not in (*known, TIME, SESSION_TIME) and any(name.endswith(f"_{unit}") for unit in ENDS):
+                raise ValueError(
+                    f"signal {name}, which the learned map plant.learned.{index} is told from: expected it to be "
+                    f"measured; known are {', '.join(known) or 'none'}; add +columns.{name}=COLUMN, or take all maps "
+                    "out with plant.learned=[]"
+                )
     for name in (*plant.inputs, plant.output):
         if name not in (*known, NOTHING):
             settings = dict(_list_settings(plant.model_dump(), name, "plant"))

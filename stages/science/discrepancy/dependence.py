@@ -120,6 +120,8 @@ def find_dependence(
             for (name, m, s, v), length in zip(ranges, whole.hyperparameters.lengths, strict=True)
         ],
         deviation=_measure((residual - heldout)[present]),
+        lowest=float(mean[present].min()),
+        highest=float(mean[present].max()),
         points=whole.pseudo.tolist(),
         weights=(size * whole.hyperparameters.signal_variance * whole.weights).tolist(),
     )

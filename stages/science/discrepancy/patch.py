@@ -11,6 +11,7 @@ import pandas as pd
 from stages.science.discrepancy.description import Description
 from stages.science.plant.learned_map import LearnedInput, LearnedMap
 
+VALUES = ("deviation", "lowest", "highest")
 INPUT = tuple(name for name in LearnedInput.model_fields if name != "name")
 
 
@@ -25,7 +26,7 @@ def list_patches(described: Sequence[Description]) -> list[dict[str, Any]]:
             "value": at,
             **{name: getattr(told, name) for name in INPUT},
             "weight": weight,
-            "deviation": learned.deviation,
+            **{name: getattr(learned, name) for name in VALUES},
         }
         for learned in (each.patch for each in described)
         if learned is not None
@@ -41,7 +42,7 @@ def read_patches(rows: pd.DataFrame) -> dict[tuple[str, str], LearnedMap]:
             channel=str(channel),
             element=str(muscle),
             inputs=[_read_input(row) for row in own[own["point"] == 0].to_dict("records")],
-            deviation=float(own["deviation"].iloc[0]),
+            **{name: float(own[name].iloc[0]) for name in VALUES},
             points=[each["value"].tolist() for _, each in own.groupby("point")],
             weights=own.groupby("point")["weight"].first().tolist(),
         )

@@ -6,9 +6,11 @@ from typing import Any
 
 import pandas as pd
 
+from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
 from stages.science.discrepancy.settings import DiscrepancySettings, ReportSettings
 from stages.science.discrepancy.signal_names import name_signal
+from stages.science.output_channels.features import share_outside
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.plant.effect import Parameter, find_effect
@@ -331,8 +333,10 @@ def describe_maps(maps: Sequence[Mapping[str, Any]], significance: float) -> lis
         )
         if each["after"] >= each["before"]:
             sentences[-1] += " It does not help there: leave it out with discrepancy.patch=none."
-        elif each["p_value"] > significance:
+        elif each["p_value"] > max(significance, each["least_p"]):
             sentences[-1] += " That may be chance."
+        elif each["p_value"] > significance:
+            sentences[-1] += " So few trials can give no less a p-value."
     if maps:
         sentences.append(
             "A learned map tells no cause. It is in the amended plant, under learned, and fades to zero away from what "
@@ -352,13 +356,29 @@ def describe_own_effect(own: pd.DataFrame) -> list[str]:
     ]
 
 
+def describe_loaded_maps(dataset: Dataset) -> list[str]:
+    """Return that the configured plant has learned maps already, and how much of the time each is of no use."""
+    if not isinstance(dataset.plant, RecordPlant):
+        return []
+    output = dataset.outputs[0].told_by(dataset.plant.starts)
+    return [
+        f"The nominal plant has a learned map of {_join([name_signal(told.name)[0] for told in each.inputs])} from "
+        f"before (plant.learned): {_percent(share_outside(each, output))} of the samples are beyond where it was "
+        "learnt, and it fades to zero there. plant.learned=[] takes it out."
+        for each in dataset.plant.learned
+    ]
+
+
 def describe_bands(bands: Mapping[str, float]) -> str:
     """Return what share of the test trials' samples bands about the amended simulation hold."""
-    return (
+    text = (
         f"The {_percent(bands['level'])} bands about the amended simulation, in the table predictions, hold "
         f"{_percent(bands['coverage'])} of the samples of these trials ({_percent(bands['low'])} to "
-        f"{_percent(bands['high'])})."
+        f"{_percent(bands['high'])})"
     )
+    if bands["high"] < bands["level"]:
+        return f"{text}: they are too narrow, as these trials differ more than those fitted."
+    return f"{text}: they are wider than need be." if bands["low"] > bands["level"] else f"{text}."
 
 
 def _describe_dependence(name: str, rows: Sequence[Mapping[Any, Any]], concentrated: float) -> str:

@@ -51,6 +51,12 @@ class SearchTables:
         row = rows[(rows["channel"] == output.channel) & (rows["muscle"] == output.element)].iloc[0]
         return Noise(*(float(row[name]) for name in Noise._fields))
 
+    def read_floor(self, output: OutputChannel) -> float:
+        """Return the noise floor of an output channel on fitted trials left out, in its unit."""
+        rows = self.channels
+        mine = (rows["channel"] == output.channel) & (rows["muscle"] == output.element)
+        return float(rows.loc[mine, "noise_floor"].iloc[0])
+
     def restore(self, output: OutputChannel, step: int) -> tuple[Model, Array]:
         """Return an output's model and values after some additions, its inputs corrected by what is known then."""
         steps = self.steps

@@ -159,7 +159,7 @@ def draw_verified_trials(
 
     Predictions have columns trial, time_s, muscle, channel, measured, before, after, patched, low and high.
     """
-    told = [name for name in SIMULATED if name != "patched" or not predictions["patched"].equals(predictions["after"])]
+    told = ["before", *(new for old, new in pairwise(SIMULATED) if not predictions[new].equals(predictions[old]))]
     heights = [1.4, *(1.0 for _ in muscles)]
     sharing = {"sharex": "col", "sharey": "row", "gridspec_kw": {"height_ratios": heights}}
     figure, panels = new_figure(10.6, 2.1 + 1.45 * len(muscles), len(heights), len(trials), **sharing)

@@ -104,6 +104,11 @@ def evaluate_map(learned: LearnedMap, output: OutputChannel) -> Array:
     return learned.evaluate({each.name: each.values for each in list_inputs(output)})
 
 
+def share_outside(learned: LearnedMap, output: OutputChannel) -> float:
+    """Return the share of an output's samples at which a map is beyond where it was learnt."""
+    return learned.share_outside({each.name: each.values for each in list_inputs(output)}, output.present)
+
+
 def _list_past(driver: Driver, signal: Array, step: float) -> list[Array]:
     """Return what one signal was: recent means, rises, stops that follow it up to a width; or its direction."""
     if driver.rate:

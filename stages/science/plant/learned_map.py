@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from typing import Literal, Self
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from stages.science.plant.declaration import Declared
@@ -36,14 +37,34 @@ class LearnedInput(Declared):
     low: float = Field(description="its least value there, in its unit; below it the map fades to zero")
     high: float = Field(description="its largest value there, in its unit; above it the map fades to zero")
 
+    @model_validator(mode="after")
+    def _begin_below(self) -> Self:
+        if self.low > self.high:
+            raise ValueError(f"low: expected at most high ({self.high}), got {self.low}")
+        return self
+
+    def hold(self, values: Array) -> tuple[Array, Array]:
+        """Return values moved into the range where the map was learnt, standardised, and how far they were, in widths.
+
+        A width is a length, or a spread where that is less: a map that does not depend on an input fades along it too.
+        """
+        held = np.clip(values, self.low, self.high)
+        return (held - self.middle) / self.spread, (values - held) / (self.spread * min(self.length, 1.0))
+
 
 class LearnedMap(Declared):
-    """Squared exponential bumps at the points, times weights: the mean of a sparse Gaussian process."""
+    """Squared exponential bumps at the points, times weights: the mean of a sparse Gaussian process.
+
+    Only where it was learnt: beyond an input's range it is what it is at the range's end, times a normal bell of the
+    distance, and nowhere beyond the values that it had.
+    """
 
     channel: str
     element: str = Field(description="muscle, or name of the machine")
     inputs: list[LearnedInput] = Field(min_length=1)
     deviation: float = Field(ge=0.0, description="standard deviation of what it leaves, in the channel's unit")
+    lowest: float = Field(description="least value that it had where it was learnt, in the channel's unit")
+    highest: float = Field(description="largest value that it had there, in the channel's unit")
     points: list[list[float]] = Field(description="places of the bumps, standardised, one of each input")
     weights: list[float] = Field(min_length=1, description="of the bumps, in the channel's unit")
 
@@ -79,15 +100,19 @@ class LearnedMap(Declared):
                     f"the learned map of {self.channel} is told from '{each.name}', which is not known here; known are "
                     f"{', '.join(signals)}; take the map out of the plant with plant.learned=[]"
                 )
-        scaled = [(signals[each.name] - each.middle) / (each.spread * each.length) for each in self.inputs]
+        held, away = zip(*(each.hold(signals[each.name]) for each in self.inputs), strict=True)
         lengths = [each.length for each in self.inputs]
-        added = np.zeros_like(scaled[0])
+        added = np.zeros_like(held[0])
         for point, weight in zip(self.points, self.weights, strict=True):
-            squares = sum(
-                (values - place / length) ** 2 for values, place, length in zip(scaled, point, lengths, strict=True)
-            )
-            added += weight * np.exp(-0.5 * squares)
-        return added
+            places = zip(held, point, lengths, strict=True)
+            added += weight * np.exp(-0.5 * sum(((values - at) / length) ** 2 for values, at, length in places))
+        faded: Array = np.clip(added, self.lowest, self.highest) * np.exp(-0.5 * sum(each**2 for each in away))
+        return faded
+
+    def share_outside(self, signals: Mapping[str, Array], present: NDArray[np.bool_]) -> float:
+        """Return the share of the samples present at which an input is beyond the range where the map was learnt."""
+        beyond = [(signals[each.name] < each.low) | (signals[each.name] > each.high) for each in self.inputs]
+        return float(np.logical_or.reduce(beyond)[present].mean()) if present.any() else 0.0
 
 
 def act_on_muscle(learned: LearnedMap, muscles: Sequence[str]) -> ChainEffect:
