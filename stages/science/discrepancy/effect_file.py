@@ -3,7 +3,7 @@
 Descriptions of what is left flow in; the text of a Python file flows out, or why there is none.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Sequence
 
 from stages.science.discrepancy.description import Description
 from stages.science.discrepancy.signal_names import name_signal
@@ -31,12 +31,8 @@ TIMES_OF_MUSCLE = {
     TIME: "np.repeat(state.time_s[:, None], values.shape[1], axis=1)",
     SESSION_TIME: "state.time_s[:, None] + state.start_s",
 }
-HISTORIES: Mapping[str, Callable[[str, str, str], str]] = {
-    CHANGE: lambda own, step, pace: f"change({own}, {step} / {pace})",
-    RECENT: lambda own, step, pace: f"recall({own}, {step} / {pace})",
-    DISTANCE: lambda own, step, pace: f"sum_distance({own}, {step})",
-}
-CALLS = {CHANGE: "change", RECENT: "recall", DISTANCE: "sum_distance"}
+CALLS = {CHANGE: "change({own}, {paces})", RECENT: "recall({own}, {paces})", DISTANCE: "sum_distance({own}, {step})"}
+"""How a file tells the history of a signal."""
 HEAD = '''"""{title}
 
 Written by the discrepancy workflow from what no effect explained in {channel} of {element}: about
@@ -106,15 +102,17 @@ def write_effect(name: str, described: Description, plant: Plant | RecordPlant) 
     known = {**OF_MUSCLE[output.channel], **TIMES_OF_MUSCLE} if element is None else _list_known(element)
     signals, used = [], []
     for each in inputs:
-        before = next((word for word in HISTORIES if each.name.startswith(f"{word} ")), "")
+        before = next((word for word in CALLS if each.name.startswith(f"{word} ")), "")
         own = each.name.removeprefix(f"{before} ")
         if own not in known:
             raise ValueError(
                 f"its formula is of {name_signal(each.name)[0]}, which effects do not see there; they see "
                 f"{', '.join(name_signal(word)[0] for word in known)}"
             )
-        used += [CALLS[before]] if before else []
-        told = HISTORIES[before](known[own], f"{seen}.step_s", pace) if before else known[own]
+        told, step = known[own], f"{seen}.step_s"
+        if before:
+            told = CALLS[before].format(own=told, step=step, paces=f"{step} / {pace}")
+            used.append(told.partition("(")[0])
         signals.append(f"        {told},  # {each.name}")
     sizes = [weight * size for (_, weight), size in zip(sketch.terms, sketch.sizes, strict=True)]
     terms = [f"{code} / {size!r}" for code, size in zip(sketch.code, sketch.sizes, strict=True)]
