@@ -29,7 +29,7 @@ from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import list_signals
 from stages.science.recording.assembly import Notes, choose_muscles, complete, note_missing, read_parts
-from stages.science.recording.blocks import WHOLE, arrange_records, list_blocks, split_records
+from stages.science.recording.blocks import PROPOSED, WHOLE, arrange_records, list_blocks, split_records
 from stages.science.recording.clock import count_time, find_rate, regularise
 from stages.science.recording.column_map import ColumnMap, is_one_trial, join_parts
 from stages.science.recording.columns import RecordingError, check_rows, name_rows
@@ -256,6 +256,7 @@ def measurement(
     hardware_recordings: pd.DataFrame | None = None,
     session_recordings: pd.DataFrame | None = None,
     session_machine: pd.DataFrame | None = None,
+    further_recordings: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Read what was measured, under this project's names and units."""
     if cfg.measured is not None and cfg.measurement.kind == "records":
@@ -264,7 +265,7 @@ def measurement(
         if cfg.measured is not None:
             source = read_muscles(cfg.measured, cfg)
         elif session_recordings is not None and session_machine is not None:
-            source = read_rig_session(session_recordings, session_machine)
+            source = read_rig_session(session_recordings, session_machine, further_recordings)
         else:
             source = read_recordings(hardware_recordings, cfg)
         with about(source.file):
@@ -380,12 +381,15 @@ def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
     return Source("hardware", file, samples, describe_muscles(machine), described_in, *told)
 
 
-def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame) -> Source:
-    """Take a session that a rig recorded for what was measured; its clock runs through the session."""
+def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame, further: pd.DataFrame | None) -> Source:
+    """Take a session that a rig recorded for what was measured, and its further trials; its clock runs through them."""
+    recordings = recordings.assign(part=WHOLE)
+    if further is not None and len(further):
+        recordings = pd.concat([recordings, further.assign(part=PROPOSED)], ignore_index=True)
     samples = recordings.assign(time_s=recordings["start_s"] + recordings["time_s"])
     known, told = machine[list(MUSCLE_COLUMNS)], machine.iloc[0]
     site, timing, rate = str(told["load_cell_site"]), str(told["timing"]), float(told["sampling_rate_hz"])
-    kept = samples[list(MEASURED.columns)]
+    kept = samples[[*MEASURED.columns, "part"]]
     return Source("blinded_session", "session_recordings", kept, known, "session_machine", site, timing, rate, None)
 
 

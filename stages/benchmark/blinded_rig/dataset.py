@@ -8,7 +8,7 @@ import json
 import os
 import shutil
 import tempfile
-from dataclasses import asdict, dataclass
+from dataclasses import asdict, dataclass, replace
 from pathlib import Path
 from typing import Any
 
@@ -29,10 +29,12 @@ from stages.benchmark.blinded_rig.machine import (
     Array,
 )
 from stages.benchmark.blinded_rig.scenarios import Scenario
-from stages.benchmark.blinded_rig.session import TRIAL_S, Session, build_session, observe
-from stages.benchmark.blinded_rig.surroundings import Surroundings
+from stages.benchmark.blinded_rig.session import TRIAL_S, Session, build_session, observe, prescribe
+from stages.benchmark.blinded_rig.surroundings import SEED_OFFSET, Surroundings
 
 TIMING = "command u[k] is held over [t_k, t_k+1); sensors sample at t_k, before u[k] acts"
+PAUSE_S = 30.0
+"""From the start of one further trial to that of the next."""
 GEOMETRY = "eps0 + sign*r/L0*joint_angle (constant moment arm)"
 
 
@@ -71,6 +73,32 @@ def simulate_possible(scenario: Scenario) -> Dataset:
     if session.surroundings is not None:
         truth |= seal_surroundings(session.surroundings, NominalFit(quiet))
     return Dataset(tabulate(shown.as_read(readings), readings), describe(shown), truth)
+
+
+def extend(
+    scenario: Scenario, command_kpa: Array, joint_rad: Array, step_s: float, taken: int
+) -> tuple[pd.DataFrame, list[float]]:
+    """Return rows of further trials of a scenario's session, and when they start, s.
+
+    Commands (4, J, n), kPa, and angles (2, J, n), rad, are given every `step_s`; `taken` of further trials were
+    recorded before. The machine is the session's, and what it hides is as large as there.
+    """
+    with threadpool_limits(1, user_api="blas"):
+        session = build_session(scenario.seed, scenario.trials, scenario.load_cell_site, catalogue=scenario.catalogue)
+        fit = NominalFit(session)
+        carries = np.array([float(muscle in scenario.muscles) for muscle in MUSCLES])
+        carried = tuple(
+            (ALL_EFFECTS[key], size_effect(fit, ALL_EFFECTS[key], carries, scenario.magnitude).size)
+            for key in scenario.effects
+        )
+        first_s = PAUSE_S * taken
+        begun = replace(session, stimulus=replace(session.stimulus, start_s=session.stimulus.start_s + first_s))
+        further = prescribe(
+            begun, scenario.seed + SEED_OFFSET[scenario.catalogue], command_kpa, joint_rad, step_s, PAUSE_S
+        )
+        readings = observe(further, carried)
+    rows = tabulate(further.as_read(readings), readings)
+    return rows.assign(trial=rows["trial"] + scenario.trials + taken), further.stimulus.start_s.tolist()
 
 
 def seal_surroundings(around: Surroundings, quiet: NominalFit) -> dict[str, Any]:

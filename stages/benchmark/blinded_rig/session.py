@@ -8,6 +8,7 @@ effect changes nothing but itself.
 from dataclasses import dataclass, replace
 
 import numpy as np
+from scipy.interpolate import CubicSpline
 
 from stages.benchmark.blinded_rig.chain import (
     RATE_HZ,
@@ -37,6 +38,8 @@ from stages.benchmark.blinded_rig.surroundings import SEED_OFFSET, CatalogueName
 
 TRIAL_S = 4.0
 REST_S = (12.0, 36.0)
+FURTHER = 8
+"""Stream of random numbers of further trials."""
 
 
 @dataclass(frozen=True)
@@ -109,6 +112,36 @@ def build_session(
     noise = noise if noisy else noise.silenced()
     angle, speed = read_encoder(sampled(joint_rad, time_s, oversampled), 1.0 / rate_hz, noise)
     return Session(machine, stimulus, noise, load_cell_site, angle, speed, around)
+
+
+def prescribe(
+    session: Session, seed: int, command_kpa: Array, joint_rad: Array, step_s: float, pause_s: float
+) -> Session:
+    """Return the machine's further trials, some time after its last, with noise of their own.
+
+    Commands (4, J, n), kPa, and angles (2, J, n), rad, are given every `step_s`; the person holds still before.
+    """
+    count, samples = command_kpa.shape[1], round(command_kpa.shape[2] * step_s * session.rate_hz)
+    start_s = session.stimulus.start_s[-1] + pause_s * np.arange(1, count + 1)
+    given_s = step_s * np.arange(command_kpa.shape[2])
+    time_s = fine_time(samples, session.stimulus.oversampled)
+    inside_s = np.clip(time_s, 0.0, given_s[-1])
+    motion = CubicSpline(given_s, joint_rad, axis=-1)(inside_s)
+    at = np.minimum(
+        np.searchsorted(given_s, np.arange(samples) / session.rate_hz + 1e-9, "right") - 1, given_s.size - 1
+    )
+    for_noise, for_disturbances = (
+        np.random.default_rng(np.random.SeedSequence(seed, spawn_key=(stream, round(start_s[0] * 10.0))))
+        for stream in (FURTHER, FURTHER + 1)
+    )
+    noise = draw_noise(for_noise, start_s, samples, 1.0 / session.rate_hz)
+    stimulus = replace(session.stimulus, command_kpa=command_kpa[..., at], joint_rad=motion, start_s=start_s)
+    if session.surroundings is not None:
+        noise = disturb(noise, session.surroundings, for_disturbances, start_s, 1.0 / session.rate_hz)
+        waves = ripple(for_disturbances, session.surroundings, start_s, time_s)
+        stimulus = replace(stimulus, ripple_kpa=waves)
+    angle, speed = read_encoder(sampled(motion, time_s, session.stimulus.oversampled), 1.0 / session.rate_hz, noise)
+    return replace(session, stimulus=stimulus, noise=noise, joint_rad=angle, joint_rad_per_s=speed)
 
 
 def sampled(joint_rad: Array, time_s: Array, oversampled: int) -> Array:

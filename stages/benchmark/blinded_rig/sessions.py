@@ -4,15 +4,17 @@ Flows in: a seed, and what is asked for of the hidden effect. Flows out: dataset
 noise, with an effect and without, which show what a form of another library leaves of it.
 """
 
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
 from typing import ClassVar
 
 import numpy as np
+import pandas as pd
 
 from stages.benchmark.blinded_rig.catalogues import EFFECTS_OF, OUTSIDERS_OF, SINGLE, catalogue_named
-from stages.benchmark.blinded_rig.dataset import Dataset, refuse_nonsense, simulate
+from stages.benchmark.blinded_rig.dataset import Dataset, extend, refuse_nonsense, simulate
 from stages.benchmark.blinded_rig.effects import ALL_EFFECTS, EFFECTS
-from stages.benchmark.blinded_rig.machine import MUSCLES
+from stages.benchmark.blinded_rig.machine import JOINTS, MUSCLES, Array
 from stages.benchmark.blinded_rig.scenarios import (
     CATALOGUES,
     MAIN,
@@ -76,6 +78,18 @@ class HiddenSessions:
         """Return the session of this name, or the one that this rig hides, with further trials at its end."""
         asked = self.hidden if name is None else named_scenario(name, self.catalogue_name)
         return simulate(replace(asked, trials=self.trials + further))
+
+    def prescribe(
+        self, command_kpa: Mapping[str, Array], joint_rad: Mapping[str, Array], step_s: float, taken: int
+    ) -> tuple[pd.DataFrame, list[float]]:
+        """Return the rows of a further trial of the hidden session, and its start, s, in a list.
+
+        Each muscle's command, (n,), and each joint's angle, (n,), are given every `step_s`; `taken` further trials
+        were recorded before.
+        """
+        command = np.stack([command_kpa[name] for name in MUSCLES])[:, None]
+        angle = np.stack([joint_rad[name] for name in JOINTS])[:, None]
+        return extend(self.hidden, command, angle, step_s, taken)
 
     def effects(self) -> list[dict[str, object]]:
         """List what there is to hide: key, the library's name, channel, whether it has one form, or no name."""

@@ -3,12 +3,14 @@
 Outputs at their present fits and what each effect promises there flow in; probabilities, gaps and a name flow out.
 """
 
+from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
+from stages.science.discrepancy.coincidence import measure_likeness, weigh_coincidence
 from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP, Beside, Verdicts, weigh_names
 from stages.science.discrepancy.fitted_channel import (
     Fitted,
@@ -33,10 +35,15 @@ Choice = dict[tuple[str, str], Fitted]
 
 
 class Left(NamedTuple):
-    """What models leave of an output, squares of left-out trials (K,): families, and all beside a static map."""
+    """What models leave of an output, squares of left-out trials (K,): families, and all beside a static map.
+
+    `like` are the static forms that close all but an ambiguous share of what the map closes, so that it is their shape,
+    with the log odds that this is no coincidence.
+    """
 
     families: Mapping[str, Array]
     beside: Mapping[tuple[str, str], Array]
+    like: Mapping[tuple[str, str], float]
 
 
 PASSES = 2
@@ -103,7 +110,7 @@ def rank(
     choices = []
     for state, listed in zip(outputs, candidates, strict=True):
         chosen = [each for each in listed if (state.output.channel, each.form.name, each.form.form) in close]
-        choices.append(_extend(state, chosen))
+        choices.append(extend(state, chosen))
     offered = [each.form for listed in candidates for each in listed]
     names = sorted({form.name for form in offered})
     halved = {name: 0.5 ** min(len(form.parameters) for form in offered if form.name == name) for name in names}
@@ -201,13 +208,15 @@ def _score_all(
 ) -> tuple[Beside, Beside, list[Left]]:
     """Return the scores of all models, a memory among them, without and with a static map, and what each leaves.
 
-    A form that starts as a static map is not looked at beside one, and one that is fitted as such says nothing there.
+    A form that is fitted as a static map says nothing beside one, unless the map that was found has its shape.
     """
     corrected = _fit_corrected(outputs, choices)
     extended = [dict(choice) for choice in choices]
     for place, _, sensor, fitted in corrected:
         extended[place][sensor] = fitted
     samples = sum(state.output.measured.size for state in outputs)
+    alike = Counter(state.output.channel for state in outputs)
+    alike = Counter(state.output.channel for state in outputs)
     open_channels = {
         state.output.channel
         for state, own in zip(outputs, choices, strict=True)
@@ -215,7 +224,9 @@ def _score_all(
         if state.ratio(state.current.raw, each.raw) > settings.smallest_gap
     }
     found = map_in_threads(
-        lambda each: _score_output(*each, each[0].output.channel in open_channels, settings),
+        lambda each: _score_output(
+            *each, alike[each[0].output.channel], each[0].output.channel in open_channels, settings
+        ),
         list(zip(outputs, extended, strict=True)),
         samples,
     )
@@ -230,10 +241,12 @@ def _score_all(
         none = np.array([each[NONE, ""] for each in scores])
         forms: dict[tuple[str, str], dict[int, float]] = {}
         for place, (listed, own) in enumerate(zip(candidates, scores, strict=True)):
-            looked = [each.form for each in listed if not (mapped and _is_static(outputs[place], each.form, settings))]
+            static = [each.form for each in listed if mapped and _is_static(outputs[place], each.form, settings)]
+            unlike = {(each.name, each.form) for each in static} - {*found[place][1].like}
+            looked = [each.form for each in listed if (each.form.name, each.form.form) not in unlike]
             for key in [*((form.name, form.form) for form in looked), *(key for key in own if key[0] == MEMORY)]:
                 forms.setdefault(key, {})[place] = own.get(key, none[place])
-        both.append(Beside(none, forms))
+        both.append(Beside(none, forms, {k: left.like for k, (_, left) in enumerate(found)} if mapped else {}))
     return both[0], both[1], [left for _, left in found]
 
 
@@ -256,14 +269,18 @@ def _fit_corrected(
 
 
 def _score_output(
-    state: FittedChannel, choice: Choice, gap: bool, settings: SearchSettings
+    state: FittedChannel, choice: Choice, alike: int, gap: bool, settings: SearchSettings
 ) -> tuple[list[dict[tuple[str, str], float]], Left]:
-    """Return the scores of an output's models, under one noise if trials jitter, and what each leaves."""
+    """Return the scores of an output's models, under one noise if trials jitter, and what each leaves.
+
+    A static form whose shape the map has is as good as the map beside it; as the `alike` outputs of a channel may all
+    have one wrong law, each speaks for its share of them.
+    """
     output, largest = state.output, settings.largest_jitter
     first: Choice = {(NONE, ""): state.current, **choice}
     if not choice and not gap:
         families = dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
-        return [dict.fromkeys(first, 0.0)] * 2, Left(families, {(NONE, ""): state.current.raw})
+        return [dict.fromkeys(first, 0.0)] * 2, Left(families, {(NONE, ""): state.current.raw}, {})
 
     def find_best(fits: Iterable[Fitted]) -> Array:
         residuals = [each.residual for each in fits]
@@ -292,7 +309,16 @@ def _score_output(
     scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
     telling = {key: each for key, each in beside.items() if key not in choice or not _is_patch(each, settings)}
     told = [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, telling)]
-    return told, Left(families, {key: each.raw for key, each in beside.items()})
+    like = {}
+    mended = any(output.find_past_share(*each) < settings.least_share for each in state.current.effects)
+    for key in [each for each in choice if each not in telling and not mended]:
+        likeness = min(measure_likeness(state.current, beside[NONE, ""], alone[key]), 1.0 - settings.family_prior)
+        if likeness > 1.0 - settings.ambiguous_share:
+            least = settings.family_prior
+            chance = weigh_coincidence(alone[NONE, ""], alone[key], state.static_map, likeness, least)
+            like[key] = -chance / alike
+    told[1] |= {key: max(told[0][key], told[1][NONE, ""]) for key in like}
+    return told, Left(families, {key: each.raw for key, each in beside.items()}, like)
 
 
 def _is_static(state: FittedChannel, form: EffectForm, settings: SearchSettings) -> bool:
@@ -364,7 +390,7 @@ def _take_best(promised: Mapping[tuple[str, str, str], float], most: int) -> set
     return {key for keys in names.values() for key in keys[:2]}
 
 
-def _extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
+def extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
     """Fit an output channel with each form added in turn; those near the best also under their own noise."""
     spread = float(np.sqrt(state.current.raw.sum() / max(state.samples.sum(), 1.0)))
     plain: Choice = {}
@@ -454,6 +480,8 @@ def _carriers(
         beside = (kept.beside[NONE, ""], kept.beside[key]) if mapped and key in kept.beside else alone
         better = NEAR_BEST * kept.families[STATIC_MAP].sum() < fitted.raw.sum()
         judged = [beside] if state.output.jitters else [alone, beside] if better else [alone]
+        if mapped and key in kept.like:
+            judged = [alone]
         before = min(state.ratio(_level(*both), both[1]) for both in judged)
         if all(is_worth(state, *both, settings) for both in judged):
             gains[place] = before

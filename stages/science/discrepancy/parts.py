@@ -13,6 +13,7 @@ from pydantic import Field, model_validator
 
 from stages.science.discrepancy.settings import choose_verification
 from stages.science.plant.declaration import Declared, nearest
+from stages.science.recording.blocks import PROPOSED
 
 PURPOSES = FITTED, VERIFICATION, OTHER = "fitted", "verification", "other"
 FEWEST_RECORDS = 3
@@ -71,9 +72,9 @@ def assign_parts(given: Sequence[str], parts: Parts, share: float, records: Sequ
     candidates = [k for k, part in enumerate(given) if part not in test and part in (parts.fitted or given)]
     chosen = [k for k, part in enumerate(given) if part in test]
     if not chosen and parts.last_share is not None:
-        chosen = _choose_last(candidates, records, parts.last_share)
+        chosen = _choose_last([k for k in candidates if given[k] != PROPOSED], records, parts.last_share)
     if not chosen:
-        chosen = _choose(candidates, given, records, share)
+        chosen = _choose([k for k in candidates if given[k] != PROPOSED], given, records, share)
     fitted = [k for k in candidates if k not in chosen]
     if len(fitted) < 2:
         raise ValueError(f"parts: expected at least 2 trials to fit, got {len(fitted)}; name other parts")

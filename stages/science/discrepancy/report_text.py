@@ -8,6 +8,7 @@ import pandas as pd
 
 from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
+from stages.science.discrepancy.proposal import Proposed
 from stages.science.discrepancy.settings import DiscrepancySettings, ReportSettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.output_channels.features import share_outside
@@ -379,6 +380,26 @@ def describe_bands(bands: Mapping[str, float]) -> str:
     if bands["high"] < bands["level"]:
         return f"{text}: they are too narrow, as these trials differ more than those fitted."
     return f"{text}: they are wider than need be." if bands["low"] > bands["level"] else f"{text}."
+
+
+def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None) -> str:
+    """Return which trial to record next, or why none is proposed; rivals have their present probabilities."""
+    if len(rivals) < 2:
+        return "No further trial is proposed, as no two names are left to tell apart."
+    names = [_spell(each) if each != "none" else "nothing missing" for each in rivals]
+    told = f"{', '.join(names[:-1])} and {names[-1]}"
+    if weighed is None:
+        return (
+            f"No further trial is proposed: nothing that could be prescribed, no faster than in what was recorded, "
+            f"drives the machine to tell {told} apart."
+        )
+    best = weighed.order[0]
+    now = max(rivals.values())
+    return (
+        f"To tell {told} apart, record next: {weighed.spell(best)}. The name that is true would then have probability "
+        f"{_sure(float(weighed.probability[best]))} among these, on average (the leading one has {_sure(now)} now; "
+        f"expected evidence {weighed.mean_evidence[best]:.3g} nats), if each rival is right but for its constants."
+    )
 
 
 def _describe_dependence(name: str, rows: Sequence[Mapping[Any, Any]], concentrated: float) -> str:

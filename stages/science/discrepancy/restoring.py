@@ -1,16 +1,16 @@
 """Fits and outputs rebuilt from the tables that keep them, and rows for those tables."""
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.dataset import Dataset
-from stages.science.discrepancy.fitted_channel import FittedChannel, resume
-from stages.science.output_channels.fitting import Model
+from stages.science.discrepancy.fitted_channel import FittedChannel, assess, resume
+from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.flexible import Leftover
-from stages.science.output_channels.noise import Noise
+from stages.science.output_channels.noise import Noise, make_plain
 from stages.science.output_channels.output_channel import EffectForm, OutputChannel
 from stages.science.signals.trajectories import Array
 
@@ -74,6 +74,14 @@ class SearchTables:
             forms.append(found)
             values += [by_name[each.name] for each in found.parameters]
         return Model(output, tuple(forms)), np.array(values)
+
+    def resume(self, state: FittedChannel, step: int) -> FittedChannel:
+        """Return an output channel as it was after some additions."""
+        if step == 0:
+            return state
+        model, values = self.restore(state.output, step)
+        noise = make_plain(state.current.spread)
+        return replace(state, current=assess(fit(model, noise, values, iterations=0), noise))
 
 
 def list_residuals(states: Sequence[FittedChannel], trials: Sequence[int]) -> pd.DataFrame:

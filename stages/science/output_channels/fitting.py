@@ -251,7 +251,8 @@ def find_least(curvature: Array, gradient: Array, scale: Array, low: Array, high
     try:
         factor = np.linalg.cholesky(scaled)
     except np.linalg.LinAlgError:  # singular but for rounding
-        factor = np.linalg.cholesky(scaled + 1e-9 * float(np.trace(scaled)) * np.eye(len(scaled)))
+        sizes, directions = np.linalg.eigh(scaled)
+        factor = directions * np.sqrt(np.maximum(sizes, 1e-9 * sizes.max()))
     target = np.linalg.solve(factor, scale * gradient)
     free: Array = np.linalg.solve(factor.T, target) * scale
     if ((free >= low) & (free <= high)).all():

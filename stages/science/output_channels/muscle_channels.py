@@ -37,6 +37,8 @@ EXACT = "saturation"
 """Effect whose level exactly repeated values show."""
 QUANTISATION = "quantisation"
 """Effect whose counts the values show. It is not fitted: it has no derivatives, and what it takes away is noise."""
+MOTION, COMMAND = "motion", "pressure_command_kpa"
+"""What drives a muscle: how its joint moves, from the lowest angle to the highest, and its command."""
 PRESSURE_SITES, FORCE_SITES = ("command", "valve"), ("pressure", "muscle", "transmission")
 
 
@@ -105,6 +107,36 @@ class MuscleChannel(OutputChannel):
     def take(self, trials: Sequence[int]) -> Self:
         """Return the output with some of its trials."""
         return replace(self, records=self.records.take(trials))
+
+    @property
+    def levers(self) -> tuple[str, ...]:
+        """The joint's motion and the command."""
+        return MOTION, COMMAND
+
+    def excite(self, shares: Mapping[str, Array]) -> Self:
+        """Return the output in other trials; the pressure follows the command at once."""
+        records, seen, count = self.records, self.present, shares[MOTION].shape[1]
+        shortening = shares[MOTION] if self.build.contraction_per_rad > 0.0 else 1.0 - shares[MOTION]
+        command = _scale(shares[COMMAND], records.command_kpa[seen])
+        contraction = _scale(shortening, records.contraction[seen])
+        signals: dict[str, Any] = {
+            "command_kpa": command,
+            "pressure_kpa": command,
+            "smooth_pressure_kpa": command,
+            "contraction": contraction,
+            "velocity_per_s": np.gradient(contraction, records.step_s, axis=0),
+            "force_n": np.zeros_like(command),
+        }
+        everywhere: Any = np.ones(command.shape, dtype=bool)
+        start_s = np.full(count, records.start_s.max() + records.step_s * len(records.command_kpa))
+        others = {name: np.full(command.shape, values.mean()) for name, values in records.others.items()}
+        told: dict[str, Any] = {"others": others, "known": dict.fromkeys(records.known, everywhere)}
+        told["readings"] = {name: signals[name] for name in records.readings}
+        return replace(self, records=replace(records, start_s=start_s, **signals, **told))
+
+    def tell_levers(self) -> dict[str, Array]:
+        """Return the contraction that the joint's motion makes, and the command."""
+        return {"contraction": self.records.contraction, COMMAND: self.records.command_kpa}
 
     def can_tell(self, name: str) -> bool:
         """Return whether a chain of muscles knows an input: own signals, what drives others, histories, and time."""
@@ -294,6 +326,12 @@ class ForceChannel(MuscleChannel):
             if name.endswith("contraction"):
                 aside[f"{name} rate"] = np.gradient(values, records.step_s, axis=0)
         return own + [Driver(name, values, own=False) for name, values in aside.items()]
+
+
+def _scale(shares: Array, seen: Array) -> Array:
+    """Return what runs through these shares of the range of the values seen."""
+    scaled: Array = seen.min() + shares * np.ptp(seen)
+    return scaled
 
 
 def _name_effects(effects: Placed) -> list[tuple[ChainEffect, Mapping[str, float]]]:

@@ -237,6 +237,22 @@ class OutputChannel(ABC):
         return self
 
     @property
+    def levers(self) -> tuple[str, ...]:
+        """Names of what drives it and could be prescribed in another trial; none where nothing does."""
+        return ()
+
+    def excite(self, shares: Mapping[str, Array]) -> Self:
+        """Return the output in other trials, in which each lever runs through these shares, (T, J), of its own range.
+
+        The ranges are those of its present trials, which no other trial leaves. What would be measured is not known.
+        """
+        raise NotImplementedError(f"{type(self).__name__} has no levers")
+
+    def tell_levers(self) -> dict[str, Array]:
+        """Return what its levers do in its trials, by the signal's name, which ends in its unit, (T, K)."""
+        return {}
+
+    @property
     def trials(self) -> int:
         """Number of trials, K."""
         return self.measured.shape[1]

@@ -266,6 +266,34 @@ class WholeRecordChannel(OutputChannel):
         present = np.ascontiguousarray(self.present[:, chosen])
         return replace(self, places=places, measured=measured, present=present, start_s=starts)
 
+    @property
+    def levers(self) -> tuple[str, ...]:
+        """The inputs; none of a machine that moves by itself."""
+        return () if self.plant.FREE else self.plant.inputs
+
+    def excite(self, shares: Mapping[str, Array]) -> Self:
+        """Return the output in other records, each one block; they begin where the first record did."""
+        shape = shares[self.levers[0]].shape
+        seen = {name: np.concatenate([self.records[k][name] for k in self._used]) for name in self.records[0]}
+        driven = {name: seen[name].min() + shares[name] * np.ptp(seen[name]) for name in self.levers}
+        still = {name: np.full(shape, values[0]) for name, values in seen.items()}
+        records = tuple(
+            {name: np.ascontiguousarray(each[:, k]) for name, each in (still | driven).items()} for k in range(shape[1])
+        )
+        return replace(
+            self,
+            records=records,
+            places=tuple((k, 0) for k in range(shape[1])),
+            measured=np.zeros(shape),
+            present=np.ones(shape, dtype=bool),
+            start_s=np.zeros(shape[1]),
+            begun=(self.begun[self._used[0]],) * shape[1],
+        )
+
+    def tell_levers(self) -> dict[str, Array]:
+        """Return the inputs."""
+        return {name: self._cut({k: self.records[k][name] for k in self._used}) for name in self.levers}
+
     def _cut(self, whole: Mapping[int, Array]) -> Array:
         """Return the blocks of whole records; beyond a record's end its last value."""
         samples = np.arange(len(self.measured))

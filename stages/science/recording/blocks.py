@@ -15,7 +15,7 @@ from stages.science.recording.rates import equalise, find_rates
 
 Array = NDArray[np.int64]
 
-WHOLE = "given"
+WHOLE, PROPOSED = "given", "proposed"
 """Part of a record in a file that has no parts."""
 
 

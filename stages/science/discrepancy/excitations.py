@@ -1,0 +1,76 @@
+"""Kinds of excitation that a trial may have, as shares of the range of what drives it.
+
+A duration and the time of a usual movement flow in; by kind, shares over time flow out.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from itertools import product
+
+import numpy as np
+
+from stages.science.signals.trajectories import Array
+
+LEVELS = (0.2, 0.8, 0.5, 1.0, 0.0, 0.6, 0.9, 0.1, 0.4, 0.7)
+"""Shares that steps hold in turn: rises and falls of several sizes."""
+
+Shape = Callable[[Array, float], Array]
+"""Shares over times, s, for the time of a usual movement, s."""
+
+
+def _hold(share: float) -> Shape:
+    return lambda times, movement_s: np.full(len(times), share)
+
+
+def _sweep(times: Array, movement_s: float) -> Array:
+    """Up and down once, evenly, in all of the time."""
+    return 1.0 - np.abs(2.0 * times / max(times[-1], 1e-300) - 1.0)
+
+
+def _cycle(movements: float) -> Shape:
+    """Sines, each of which takes so many usual movements."""
+    return lambda times, movement_s: 0.5 - 0.5 * np.cos(2.0 * np.pi * times / (movements * movement_s))
+
+
+def _grow(times: Array, movement_s: float) -> Array:
+    """Sines about the middle that grow from nothing, so that it turns at many places."""
+    return 0.5 + 0.5 * times / max(times[-1], 1e-300) * np.sin(2.0 * np.pi * times / (2.0 * movement_s))
+
+
+def _step(rise: float) -> Shape:
+    """Levels held for a usual movement, smoothly joined in a share of it."""
+
+    def shape(times: Array, movement_s: float) -> Array:
+        place = times / movement_s
+        number = np.floor(place).astype(int)
+        share = np.clip((place - number) / rise, 0.0, 1.0)
+        levels = np.array(LEVELS)
+        before, after = levels[(number - 1) % len(levels)], levels[number % len(levels)]
+        stepped: Array = before + (after - before) * share**3 * (10.0 - 15.0 * share + 6.0 * share**2)
+        return stepped
+
+    return shape
+
+
+SHAPES: Mapping[str, Shape] = {
+    "held low": _hold(0.1),
+    "held high": _hold(0.9),
+    "swept slowly": _sweep,
+    "cycled": _cycle(2.0),
+    "cycled fast": _cycle(0.75),
+    "cycled with growing amplitude": _grow,
+    "stepped": _step(0.15),
+    "moved and held": _step(0.6),
+}
+"""Smooth steps as of minimum jerk: Flash and Hogan, Journal of Neuroscience 5 (1985)."""
+
+
+def list_excitations(
+    levers: Sequence[str], samples: int, step_s: float, movement_s: float
+) -> tuple[list[dict[str, str]], dict[str, Array]]:
+    """Return every combination of kinds, by lever, and the shares that each lever runs through, (T, J)."""
+    times: Array = step_s * np.arange(samples, dtype=float)
+    moving = [name for name, shape in SHAPES.items() if np.ptp(shape(times, movement_s)) > 0.0]
+    chosen = [each for each in product(SHAPES, repeat=len(levers)) if any(kind in moving for kind in each)]
+    kinds = [dict(zip(levers, each, strict=True)) for each in chosen]
+    drawn = {name: shape(times, movement_s) for name, shape in SHAPES.items()}
+    return kinds, {lever: np.stack([drawn[each[lever]] for each in kinds], axis=1) for lever in levers}

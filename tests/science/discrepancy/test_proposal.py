@@ -1,0 +1,134 @@
+"""The trial that is proposed: its evidence against refits by least squares, its range, and what it is for."""
+
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stages.science.discrepancy.excitations import list_excitations
+from stages.science.discrepancy.fitted_channel import prepare
+from stages.science.discrepancy.parts import Parts, assign_parts
+from stages.science.discrepancy.proposal import (
+    Rival,
+    choose_rivals,
+    choose_round,
+    expect_evidence,
+    fit_rival,
+    propose,
+    weigh_rivals,
+)
+from stages.science.discrepancy.trial_scores import compare_by
+from tests.science.discrepancy.searches import SETTINGS
+from tests.science.discrepancy.toys import KINK, WAVE, Toy, make_toy
+
+
+@dataclass(frozen=True)
+class DrivenToy(Toy):
+    """A toy whose x can be prescribed."""
+
+    jitters = False
+    levers = ("x",)
+
+    def excite(self, shares):
+        x = self.x.min() + shares["x"] * np.ptp(self.x)
+        same = {"channel": self.channel, "element": self.element, "offered": self.offered}
+        return type(self)(x, np.zeros_like(x), np.ones(x.shape, dtype=bool), np.zeros(x.shape[1]), **same)
+
+    def tell_levers(self):
+        return {"x": self.x}
+
+
+def make_driven(hidden=((WAVE.effect, 0.3),), **how):
+    return DrivenToy(**vars(make_toy(3, hidden, noise=0.1, trials=4, **how)))
+
+
+@pytest.fixture(scope="module")
+def rivals():
+    state = prepare(make_driven())
+    return state, [fit_rival([state], name, 0.5) for name in ("wave", "kink")]
+
+
+def test_evidence_is_what_is_left_when_the_other_is_fitted_to_old_and_new_trials(rivals):
+    state, both = rivals
+    _, shares = list_excitations(["x"], 300, 0.01, 1.0)
+    other = state.output.excite(shares)
+    evidence = expect_evidence(both, [other], SETTINGS.largest_jitter)[0, 1, :, 0]
+    best = min((each.fits[0] for each in both), key=lambda each: each.raw.sum())
+    scores = compare_by(state.output, best.residual, SETTINGS.largest_jitter)
+    weight = scores.effective / state.output.present.sum() / (best.raw.sum() / state.output.present.sum())
+    wrong = both[1].fits[0].fit
+    told = [each.fits[0].fit.model.name_values(each.fits[0].fit.values) for each in both]
+    (a, b, c), (d, e, f) = ([*constants.values(), effects[0][1]["size"]] for constants, effects in told)
+    for k in range(other.trials):
+        new = other.x[:, k]
+        apart = a + b * new + c * WAVE.effect(new) - (d + e * new + f * KINK.effect(new))
+        rows = [
+            np.column_stack([np.ones(x.size), x.ravel(), KINK.effect(x).ravel()])[:, wrong.free]
+            for x in (state.output.x, new)
+        ]
+        sd = wrong.model.prior[1][wrong.free]
+        design = np.vstack([np.sqrt(weight) * np.vstack(rows), np.diag(1.0 / sd)])
+        target = np.concatenate([np.zeros(len(rows[0])), np.sqrt(weight) * apart, np.zeros(len(sd))])
+        left = np.linalg.lstsq(design, target, rcond=None)[1]
+        assert evidence[k] == pytest.approx(0.5 * float(left[0]), rel=1e-4, abs=1e-6)
+
+
+def test_the_proposed_trial_tells_more_than_most_and_stays_in_what_was_seen(rivals):
+    state, both = rivals
+    weighed = propose([state], both, SETTINGS.largest_jitter)
+    best = weighed.order[0]
+    x, seen = weighed.outputs[0].x, state.output.x
+    assert seen.min() <= x.min() < x.max() <= seen.max()
+    assert np.abs(np.diff(x, axis=0)).max() <= np.abs(np.diff(seen, axis=0)).max()
+    assert weighed.probability[best] == weighed.probability.max() > max(each.probability for each in both)
+    assert weighed.mean_evidence[best] > np.median(weighed.mean_evidence)
+    assert weighed.spell(best).startswith("x ")
+
+
+def test_where_all_is_faster_than_what_was_seen_nothing_is_proposed(rivals):
+    state, both = rivals
+    still = DrivenToy(**{**vars(state.output), "x": np.tile(np.linspace(0.0, 0.2, 300)[:, None], 4)})
+    slow = prepare(still)
+    names = [Rival(each.name, 0.5, [slow.current]) for each in both]
+    assert propose([slow], names, SETTINGS.largest_jitter) is None
+
+
+def test_probability_after_a_trial_is_that_of_bayes():
+    now = np.array([0.7, 0.3])
+    evidence = np.zeros((2, 2, 2))
+    evidence[0, 1, 1], evidence[1, 0, 1] = 2.0, 3.0
+    told = weigh_rivals(now, evidence)
+    assert told[0] == pytest.approx(0.7**2 + 0.3**2)
+    first, second = 0.7 / (0.7 + 0.3 * np.exp(-2.0)), 0.3 / (0.3 + 0.7 * np.exp(-3.0))
+    assert told[1] == pytest.approx(0.7 * first + 0.3 * second)
+
+
+def test_rivals_are_the_leading_names_of_the_least_sure_round():
+    rows = [
+        (1, "none", 0.0, 0.05, False),
+        (1, "wave", 0.999, 0.02, False),
+        (1, "unknown", 0.0, 0.05, False),
+        (2, "kink", 0.6, 0.011, False),
+        (2, "static_map", 0.3, 0.01, False),
+        (2, "line", 0.02, 0.012, False),
+        (2, "bend", 0.05, 0.013, False),
+        (2, "gain", 0.03, 0.02, True),
+        (3, "none", 0.4, 0.01, False),
+    ]
+    ranking = pd.DataFrame(rows, columns=["round", "name", "probability", "heldout_gap", "absorbed"])
+    named = pd.DataFrame({"order": [1, 2], "indistinguishable_from": ["", "line"]})
+    number, alike = choose_round(ranking, named)
+    assert (number, alike) == (2, ["line"])
+    chosen = choose_rivals(ranking[ranking["round"] == number], alike, 3, 0.01)
+    assert list(chosen) == ["kink", "line", "bend"]
+    assert sum(chosen.values()) == pytest.approx(1.0)
+    assert chosen["kink"] == pytest.approx(0.6 / 0.67)
+    assert choose_round(ranking, named[:0]) == (1, [])
+
+
+def test_proposed_trials_are_fitted_and_others_opened():
+    parts = Parts(fitted=None, verification=None, last_share=None, gap_share=0.0)
+    purposes = assign_parts(["given"] * 8 + ["proposed"] * 3, parts, 0.375, [""] * 11)
+    assert purposes[8:] == ["fitted"] * 3
+    assert purposes[:8] == assign_parts(["given"] * 8, parts, 0.375, [""] * 8)
