@@ -215,8 +215,6 @@ def _score_all(
     for place, _, sensor, fitted in corrected:
         extended[place][sensor] = fitted
     samples = sum(state.output.measured.size for state in outputs)
-    alike = Counter(state.output.channel for state in outputs)
-    alike = Counter(state.output.channel for state in outputs)
     open_channels = {
         state.output.channel
         for state, own in zip(outputs, choices, strict=True)
@@ -224,9 +222,7 @@ def _score_all(
         if state.ratio(state.current.raw, each.raw) > settings.smallest_gap
     }
     found = map_in_threads(
-        lambda each: _score_output(
-            *each, alike[each[0].output.channel], each[0].output.channel in open_channels, settings
-        ),
+        lambda each: _score_output(*each, each[0].output.channel in open_channels, settings),
         list(zip(outputs, extended, strict=True)),
         samples,
     )
@@ -246,8 +242,21 @@ def _score_all(
             looked = [each.form for each in listed if (each.form.name, each.form.form) not in unlike]
             for key in [*((form.name, form.form) for form in looked), *(key for key in own if key[0] == MEMORY)]:
                 forms.setdefault(key, {})[place] = own.get(key, none[place])
-        both.append(Beside(none, forms, {k: left.like for k, (_, left) in enumerate(found)} if mapped else {}))
-    return both[0], both[1], [left for _, left in found]
+        both.append(Beside(none, forms))
+    left = [each for _, each in found]
+    alike = _count_alike(outputs, both[1].none - both[0].none - float(laws[0] - laws[1]))
+    like = {k: {key: odds / alike[k] for key, odds in each.like.items()} for k, each in enumerate(left)}
+    return both[0], replace(both[1], like=like), left
+
+
+def _count_alike(outputs: Sequence[FittedChannel], mapped: Array) -> list[int]:
+    """Return for each output in how many of its channel's a map is more probable than none: its log odds, (C,).
+
+    These may all have one wrong law, so that each speaks for its share of them.
+    """
+    channels = [state.output.channel for state in outputs]
+    counts = Counter(channel for channel, odds in zip(channels, mapped, strict=True) if odds > 0.0)
+    return [max(counts[channel], 1) for channel in channels]
 
 
 def _fit_corrected(
@@ -269,12 +278,11 @@ def _fit_corrected(
 
 
 def _score_output(
-    state: FittedChannel, choice: Choice, alike: int, gap: bool, settings: SearchSettings
+    state: FittedChannel, choice: Choice, gap: bool, settings: SearchSettings
 ) -> tuple[list[dict[tuple[str, str], float]], Left]:
     """Return the scores of an output's models, under one noise if trials jitter, and what each leaves.
 
-    A static form whose shape the map has is as good as the map beside it; as the `alike` outputs of a channel may all
-    have one wrong law, each speaks for its share of them.
+    A static form whose shape the map has is as good as the map beside it.
     """
     output, largest = state.output, settings.largest_jitter
     first: Choice = {(NONE, ""): state.current, **choice}
@@ -316,7 +324,7 @@ def _score_output(
         if likeness > 1.0 - settings.ambiguous_share:
             least = settings.family_prior
             chance = weigh_coincidence(alone[NONE, ""], alone[key], state.static_map, likeness, least)
-            like[key] = -chance / alike
+            like[key] = -chance
     told[1] |= {key: max(told[0][key], told[1][NONE, ""]) for key in like}
     return told, Left(families, {key: each.raw for key, each in beside.items()}, like)
 
