@@ -13,6 +13,9 @@ from stages.science.signals.trajectories import Array
 LEVELS = (0.2, 0.8, 0.5, 1.0, 0.0, 0.6, 0.9, 0.1, 0.4, 0.7)
 """Shares that steps hold in turn: rises and falls of several sizes."""
 
+MOST_AT_ONCE = 2
+"""Levers that are not held low in one trial."""
+
 Shape = Callable[[Array, float], Array]
 """Shares over times, s, for the time of a usual movement, s."""
 
@@ -67,10 +70,18 @@ SHAPES: Mapping[str, Shape] = {
 def list_excitations(
     levers: Sequence[str], samples: int, step_s: float, movement_s: float
 ) -> tuple[list[dict[str, str]], dict[str, Array]]:
-    """Return every combination of kinds, by lever, and the shares that each lever runs through, (T, J)."""
+    """Return combinations of kinds, by lever, and the shares that each lever runs through, (T, J).
+
+    They are all in which something moves and, of more than two levers, all but two are held low.
+    """
     times: Array = step_s * np.arange(samples, dtype=float)
     moving = [name for name, shape in SHAPES.items() if np.ptp(shape(times, movement_s)) > 0.0]
-    chosen = [each for each in product(SHAPES, repeat=len(levers)) if any(kind in moving for kind in each)]
+    low = next(iter(SHAPES))
+    chosen = [
+        each
+        for each in product(SHAPES, repeat=len(levers))
+        if any(kind in moving for kind in each) and sum(kind != low for kind in each) <= MOST_AT_ONCE
+    ]
     kinds = [dict(zip(levers, each, strict=True)) for each in chosen]
     drawn = {name: shape(times, movement_s) for name, shape in SHAPES.items()}
     return kinds, {lever: np.stack([drawn[each[lever]] for each in kinds], axis=1) for lever in levers}

@@ -268,8 +268,9 @@ class WholeRecordChannel(OutputChannel):
 
     @property
     def levers(self) -> tuple[str, ...]:
-        """The inputs; none of a machine that moves by itself."""
-        return () if self.plant.FREE else self.plant.inputs
+        """The inputs that change in its records."""
+        inputs = [name for name in dict.fromkeys(self.plant.inputs) if name != NOTHING]
+        return tuple(name for name in inputs if any(not _is_still(self.records[k][name]) for k in self._used))
 
     def excite(self, shares: Mapping[str, Array]) -> Self:
         """Return the output in other records, each one block; they begin where the first record did."""

@@ -1,13 +1,17 @@
 """The trial that is proposed: its evidence against refits by least squares, its range, and what it is for."""
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
+from itertools import combinations
 
 import numpy as np
 import pandas as pd
 import pytest
 
+from stages.benchmark.blinded_rig.dataset import simulate
+from stages.benchmark.blinded_rig.scenarios import named_scenario
 from stages.science.discrepancy.excitations import list_excitations
 from stages.science.discrepancy.fitted_channel import prepare
+from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.parts import Parts, assign_parts
 from stages.science.discrepancy.proposal import (
     Rival,
@@ -19,7 +23,9 @@ from stages.science.discrepancy.proposal import (
     weigh_rivals,
 )
 from stages.science.discrepancy.trial_scores import compare_by
-from tests.science.discrepancy.searches import SETTINGS
+from stages.science.recording.datasets import tabulate_session
+from tests.science.discrepancy.searches import DISCREPANCY, SETTINGS
+from tests.science.discrepancy.simulated_records import build_records, configured, tabulate, wander
 from tests.science.discrepancy.toys import KINK, WAVE, Toy, make_toy
 
 
@@ -92,6 +98,46 @@ def test_where_all_is_faster_than_what_was_seen_nothing_is_proposed(rivals):
     slow = prepare(still)
     names = [Rival(each.name, 0.5, [slow.current]) for each in both]
     assert propose([slow], names, SETTINGS.largest_jitter) is None
+
+
+def test_a_muscle_is_driven_within_what_it_did_and_both_of_a_joint_agree():
+    recorded = simulate(replace(named_scenario("none-1000"), trials=2))
+    outputs = build_muscle_channels(tabulate_session(recorded.samples, recorded.meta, ""), DISCREPANCY)
+    first = outputs[0]
+    kinds, shares = list_excitations(first.levers, len(first.measured), first.step_s, first.time_scale_s)
+    angles = {}
+    for output in outputs:
+        driven = output.excite(shares)
+        assert driven.trials == len(kinds) > 40
+        seen, told = output.tell_levers(), driven.tell_levers()
+        for name, values in told.items():
+            assert values.min() >= seen[name].min() - 1e-9
+            assert values.max() <= seen[name].max() + 1e-9
+        constants = {each.name: each.prior_mean for each in output.constants}
+        assert np.isfinite(driven.simulate(constants, [])).all()
+        build = output.build
+        angles[output.element] = (told["contraction"] - build.contraction_at_angle_0) / build.contraction_per_rad
+    joint = {muscle: sheet["joint"] for muscle, sheet in recorded.meta["muscles"].items()}
+    for one, other in combinations(angles, 2):
+        if joint[one] == joint[other]:
+            np.testing.assert_allclose(angles[one], angles[other], atol=1e-9)
+
+
+def test_other_records_are_what_the_machine_does_under_other_inputs():
+    generator = np.random.default_rng(0)
+    plant = configured("first_order")
+    name = plant.inputs[0]
+    recorded = {name: wander(generator, 1600, 80), plant.output: wander(generator, 1600, 80)}
+    output = build_records(*tabulate(recorded, 0.01, blocks=4), plant)
+    kinds, shares = list_excitations(output.levers, len(output.measured), output.step_s, output.time_scale_s)
+    driven = output.excite(shares)
+    constants = {each.name: each.prior_mean for each in output.constants}
+    answer = driven.simulate(constants, [])
+    for place in range(len(kinds)):
+        given = {name: driven.tell_levers()[name][:, place], plant.output: answer[:, place]}
+        again = build_records(*tabulate(given, output.step_s, blocks=1), output.plant)
+        same = again.simulate(constants, [])[:, 0]  # but for where it is told to begin
+        np.testing.assert_allclose(same[5:], answer[5:, place], atol=1e-3 * np.ptp(recorded[plant.output]))
 
 
 def test_probability_after_a_trial_is_that_of_bayes():
