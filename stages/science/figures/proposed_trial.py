@@ -1,4 +1,4 @@
-"""The trial that would tell rival names apart: what drives the machine, and what each rival predicts."""
+"""The trial that would tell rival names apart: what drives the machine, and how rivals' predictions differ."""
 
 from __future__ import annotations
 
@@ -8,36 +8,39 @@ from typing import TYPE_CHECKING
 import pandas as pd
 
 from stages.science.figures.canvas import COLOURS, LINES, new_figure
-from stages.science.figures.signal_words import MEASURED, label, spell
+from stages.science.figures.signal_words import MEASURED, QUIET, label, spell
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 
 def draw_proposed_trial(signals: pd.DataFrame, rivals: Sequence[str]) -> Figure:
-    """Draw what drives the machine, a panel each, and below what the rivals predict of one channel.
+    """Draw what drives the machine, a panel each; what the first rival predicts, and by how much others differ from it.
 
     Signals have columns muscle, channel, time_s, signal and value; of these signals the rivals are predictions.
     """
-    first = signals.iloc[0]
+    wide = signals.pivot(index="time_s", columns="signal", values="value")
+    where, channel = (str(signals[name].iloc[0]) for name in ("muscle", "channel"))
     levers = [each for each in signals["signal"].unique() if each not in rivals]
-    heights = {"gridspec_kw": {"height_ratios": [*(1.0 for _ in levers), 2.0]}}
-    figure, panels = new_figure(8.0, 1.2 * len(levers) + 2.8, len(levers) + 1, 1, sharex=True, **heights)
-    for axis, name in zip(panels[:, 0], levers, strict=False):
-        its = signals[signals["signal"] == name]
-        axis.plot(its["time_s"], its["value"], color=MEASURED)
+    names = ["nothing missing" if each == "none" else spell(each) for each in rivals]
+    heights = {"gridspec_kw": {"height_ratios": [*(1.0 for _ in levers), 1.3, 1.7]}}
+    figure, panels = new_figure(8.0, 1.1 * len(levers) + 3.6, len(levers) + 2, 1, sharex=True, **heights)
+    *drives, first, last = panels[:, 0]
+    for axis, name in zip(drives, levers, strict=True):
+        axis.plot(wide.index, wide[name], color=MEASURED)
         axis.set_ylabel(label(name), fontsize=8)
-    last = panels[-1, 0]
-    for place, name in enumerate(rivals):
-        its = signals[signals["signal"] == name]
-        told = "nothing missing" if name == "none" else spell(name)
-        last.plot(
-            its["time_s"], its["value"], LINES[place % len(LINES)], color=COLOURS[place % len(COLOURS)], label=told
-        )
-    last.set_ylabel(f"{first['muscle']}\n{label(first['channel'])}", fontsize=9)
+    first.plot(wide.index, wide[rivals[0]], color=QUIET, label=f"by {names[0]}")
+    first.set_ylabel(f"{where}\n{label(channel)}", fontsize=8)
+    for place, (rival, name) in enumerate(zip(rivals[1:], names[1:], strict=True)):
+        style = {"color": COLOURS[place % len(COLOURS)], "linestyle": LINES[place % len(LINES)]}
+        last.plot(wide.index, wide[rival] - wide[rivals[0]], **style, label=f"by {name}, less that")
+    last.axhline(0.0, color=MEASURED, linewidth=0.8)
+    last.set_ylabel(f"difference\n{label(channel)}", fontsize=8)
     last.set_xlabel("time (s)", fontsize=9)
-    last.legend(frameon=False, fontsize=9)
+    for axis in (first, last):
+        axis.legend(frameon=False, fontsize=8)
     for axis in panels[:, 0]:
+        axis.tick_params(labelsize=8)
         axis.grid(alpha=0.25)
         axis.spines[["top", "right"]].set_visible(False)
     return figure
