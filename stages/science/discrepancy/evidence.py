@@ -5,7 +5,7 @@ that is said of it is weighed without and with a static map beside it.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,14 +42,10 @@ class Verdicts:
 
 @dataclass(frozen=True)
 class Beside:
-    """Log scores, all without or with a static map: of each output, (C,), and by form and place if it carries that.
-
-    `like` has by place the log odds that a form has the map's shape by no coincidence, which no wrong law exaggerates.
-    """
+    """Log scores, all without or with a static map: of each output, (C,), and by form and place if it carries that."""
 
     none: Array
     forms: Mapping[tuple[str, str], Mapping[int, float]]
-    like: Mapping[int, Mapping[tuple[str, str], float]] = field(default_factory=dict)
 
 
 def weigh_names(
@@ -139,9 +135,9 @@ def _weigh_name(
         for form, by_output in [(form, its) for (each, form), its in scores.forms.items() if each == name]:
             own = [place for place in by_output if channels[place] == channel]
             if own:
-                likeness = [scores.like.get(k, {}).get((name, form), 0.0) for k in own]
-                gains = power[channel] * np.array([by_output[k] - scores.none[k] for k in own])
-                total, its_carries = _weigh_sets(gains + likeness)
+                total, its_carries = _weigh_sets(
+                    power[channel] * np.array([by_output[k] - scores.none[k] for k in own])
+                )
                 found[form] = total, own, its_carries
         if found:
             total = float(np.logaddexp.reduce([each for each, _, _ in found.values()]))

@@ -3,14 +3,12 @@
 Outputs at their present fits and what each effect promises there flow in; probabilities, gaps and a name flow out.
 """
 
-from collections import Counter
 from collections.abc import Collection, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from stages.science.discrepancy.coincidence import measure_likeness, weigh_coincidence
 from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP, Beside, Verdicts, weigh_names
 from stages.science.discrepancy.fitted_channel import (
     Fitted,
@@ -35,15 +33,10 @@ Choice = dict[tuple[str, str], Fitted]
 
 
 class Left(NamedTuple):
-    """What models leave of an output, squares of left-out trials (K,): families, and all beside a static map.
-
-    `like` are the static forms that close all but an ambiguous share of what the map closes, so that it is their shape,
-    with the log odds that this is no coincidence.
-    """
+    """What models leave of an output, squares of left-out trials (K,): families, and all beside a static map."""
 
     families: Mapping[str, Array]
     beside: Mapping[tuple[str, str], Array]
-    like: Mapping[tuple[str, str], float]
 
 
 PASSES = 2
@@ -208,7 +201,7 @@ def _score_all(
 ) -> tuple[Beside, Beside, list[Left]]:
     """Return the scores of all models, a memory among them, without and with a static map, and what each leaves.
 
-    A form that is fitted as a static map says nothing beside one, unless the map that was found has its shape.
+    A form that starts as a static map is not looked at beside one, and one that is fitted as such says nothing there.
     """
     corrected = _fit_corrected(outputs, choices)
     extended = [dict(choice) for choice in choices]
@@ -237,26 +230,11 @@ def _score_all(
         none = np.array([each[NONE, ""] for each in scores])
         forms: dict[tuple[str, str], dict[int, float]] = {}
         for place, (listed, own) in enumerate(zip(candidates, scores, strict=True)):
-            static = [each.form for each in listed if mapped and _is_static(outputs[place], each.form, settings)]
-            unlike = {(each.name, each.form) for each in static} - {*found[place][1].like}
-            looked = [each.form for each in listed if (each.form.name, each.form.form) not in unlike]
+            looked = [each.form for each in listed if not (mapped and _is_static(outputs[place], each.form, settings))]
             for key in [*((form.name, form.form) for form in looked), *(key for key in own if key[0] == MEMORY)]:
                 forms.setdefault(key, {})[place] = own.get(key, none[place])
         both.append(Beside(none, forms))
-    left = [each for _, each in found]
-    alike = _count_alike(outputs, both[1].none - both[0].none - float(laws[0] - laws[1]))
-    like = {k: {key: odds / alike[k] for key, odds in each.like.items()} for k, each in enumerate(left)}
-    return both[0], replace(both[1], like=like), left
-
-
-def _count_alike(outputs: Sequence[FittedChannel], mapped: Array) -> list[int]:
-    """Return for each output in how many of its channel's a map is more probable than none: its log odds, (C,).
-
-    These may all have one wrong law, so that each speaks for its share of them.
-    """
-    channels = [state.output.channel for state in outputs]
-    counts = Counter(channel for channel, odds in zip(channels, mapped, strict=True) if odds > 0.0)
-    return [max(counts[channel], 1) for channel in channels]
+    return both[0], both[1], [left for _, left in found]
 
 
 def _fit_corrected(
@@ -280,15 +258,12 @@ def _fit_corrected(
 def _score_output(
     state: FittedChannel, choice: Choice, gap: bool, settings: SearchSettings
 ) -> tuple[list[dict[tuple[str, str], float]], Left]:
-    """Return the scores of an output's models, under one noise if trials jitter, and what each leaves.
-
-    A static form whose shape the map has is as good as the map beside it.
-    """
+    """Return the scores of an output's models, under one noise if trials jitter, and what each leaves."""
     output, largest = state.output, settings.largest_jitter
     first: Choice = {(NONE, ""): state.current, **choice}
     if not choice and not gap:
         families = dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
-        return [dict.fromkeys(first, 0.0)] * 2, Left(families, {(NONE, ""): state.current.raw}, {})
+        return [dict.fromkeys(first, 0.0)] * 2, Left(families, {(NONE, ""): state.current.raw})
 
     def find_best(fits: Iterable[Fitted]) -> Array:
         residuals = [each.residual for each in fits]
@@ -317,16 +292,7 @@ def _score_output(
     scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
     telling = {key: each for key, each in beside.items() if key not in choice or not _is_patch(each, settings)}
     told = [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, telling)]
-    like = {}
-    mended = any(output.find_past_share(*each) < settings.least_share for each in state.current.effects)
-    for key in [each for each in choice if each not in telling and not mended]:
-        likeness = min(measure_likeness(state.current, beside[NONE, ""], alone[key]), 1.0 - settings.family_prior)
-        if likeness > 1.0 - settings.ambiguous_share:
-            least = settings.family_prior
-            chance = weigh_coincidence(alone[NONE, ""], alone[key], state.static_map, likeness, least)
-            like[key] = -chance
-    told[1] |= {key: max(told[0][key], told[1][NONE, ""]) for key in like}
-    return told, Left(families, {key: each.raw for key, each in beside.items()}, like)
+    return told, Left(families, {key: each.raw for key, each in beside.items()})
 
 
 def _is_static(state: FittedChannel, form: EffectForm, settings: SearchSettings) -> bool:
@@ -488,8 +454,6 @@ def _carriers(
         beside = (kept.beside[NONE, ""], kept.beside[key]) if mapped and key in kept.beside else alone
         better = NEAR_BEST * kept.families[STATIC_MAP].sum() < fitted.raw.sum()
         judged = [beside] if state.output.jitters else [alone, beside] if better else [alone]
-        if mapped and key in kept.like:
-            judged = [alone]
         before = min(state.ratio(_level(*both), both[1]) for both in judged)
         if all(is_worth(state, *both, settings) for both in judged):
             gains[place] = before
