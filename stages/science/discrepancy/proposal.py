@@ -22,6 +22,7 @@ from stages.science.discrepancy.screening import screen
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.fitting import Model
 from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.output_channels.trial_noise import find_directions
 from stages.science.plant.declaration import Declared
 from stages.science.signals.trajectories import Array
 
@@ -107,7 +108,8 @@ def expect_evidence(rivals: Sequence[Rival], others: Sequence[OutputChannel], la
 
     J trials of C outputs are in the order of `others`, which stand for the outputs of the fits. What the true one
     predicts is fitted by the other with its constants free: the rest is weighed by the noise that the better of the
-    two leaves of trials left out, as so many independent samples as its correlation allows.
+    two leaves of trials left out, as so many independent samples as its correlation allows. An offset and a gain of a
+    trial, where trials have such, tell nothing.
 
     Notes
     -----
@@ -130,10 +132,17 @@ def expect_evidence(rivals: Sequence[Rival], others: Sequence[OutputChannel], la
                 if each not in predicted:
                     predicted[each] = predict(rivals[each], place, output)
             apart = predicted[true][0] - predicted[other][0]
-            evidence[true, other, :, place] = 0.5 * _fit_away(
-                apart, predicted[other][1], rivals[other].fits[place], weight
-            )
+            directions = find_directions(predicted[true][0], output)
+            shape, slopes = (_take_out(each, directions) for each in (apart[:, :, None], predicted[other][1]))
+            left = _fit_away(shape[:, :, 0], slopes, rivals[other].fits[place], weight)
+            evidence[true, other, :, place] = 0.5 * left
     return evidence
+
+
+def _take_out(signals: Array, directions: Array) -> Array:
+    """Return signals, (T, J, P), without what lies along the directions of their trials, (J, D, T), of length one."""
+    along = np.einsum("jdt,tjp->jdp", directions, signals)
+    return signals - np.einsum("jdt,jdp->tjp", directions, along)
 
 
 def _fit_away(apart: Array, slopes: Array, fitted: Fitted, weight: float) -> Array:

@@ -49,14 +49,25 @@ def make_driven(hidden=((WAVE.effect, 0.3),), **how):
     return DrivenToy(**vars(make_toy(3, hidden, noise=0.1, trials=4, **how)))
 
 
-@pytest.fixture(scope="module")
-def rivals():
-    state = prepare(make_driven())
+class Jittering(DrivenToy):
+    """One whose trials have offsets and gains."""
+
+    jitters = True
+
+
+def find_rivals(kind):
+    state = prepare(kind(**vars(make_driven())))
     return state, [fit_rival([state], name, 0.5) for name in ("wave", "kink")]
 
 
-def test_evidence_is_what_is_left_when_the_other_is_fitted_to_old_and_new_trials(rivals):
-    state, both = rivals
+@pytest.fixture(scope="module")
+def rivals():
+    return find_rivals(DrivenToy)
+
+
+@pytest.mark.parametrize("kind", [DrivenToy, Jittering])
+def test_evidence_is_what_is_left_when_the_other_is_fitted_to_old_and_new_trials(kind):
+    state, both = find_rivals(kind)
     _, shares = list_excitations(["x"], 300, 0.01, 1.0)
     other = state.output.excite(shares)
     evidence = expect_evidence(both, [other], SETTINGS.largest_jitter)[0, 1, :, 0]
@@ -68,7 +79,8 @@ def test_evidence_is_what_is_left_when_the_other_is_fitted_to_old_and_new_trials
     (a, b, c), (d, e, f) = ([*constants.values(), effects[0][1]["size"]] for constants, effects in told)
     for k in range(other.trials):
         new = other.x[:, k]
-        apart = a + b * new + c * WAVE.effect(new) - (d + e * new + f * KINK.effect(new))
+        true = a + b * new + c * WAVE.effect(new)
+        apart = true - (d + e * new + f * KINK.effect(new))
         rows = [
             np.column_stack([np.ones(x.size), x.ravel(), KINK.effect(x).ravel()])[:, wrong.free]
             for x in (state.output.x, new)
@@ -76,8 +88,12 @@ def test_evidence_is_what_is_left_when_the_other_is_fitted_to_old_and_new_trials
         sd = wrong.model.prior[1][wrong.free]
         design = np.vstack([np.sqrt(weight) * np.vstack(rows), np.diag(1.0 / sd)])
         target = np.concatenate([np.zeros(len(rows[0])), np.sqrt(weight) * apart, np.zeros(len(sd))])
-        left = np.linalg.lstsq(design, target, rcond=None)[1]
-        assert evidence[k] == pytest.approx(0.5 * float(left[0]), rel=1e-4, abs=1e-6)
+        if kind is Jittering:  # an offset and a gain of the new trial are free
+            own = np.zeros((len(target), 2))
+            own[len(rows[0]) : len(rows[0]) + len(new)] = np.column_stack([np.ones(len(new)), true])
+            design = np.hstack([design, own])
+        found = np.linalg.lstsq(design, target, rcond=None)[0]
+        assert evidence[k] == pytest.approx(0.5 * float(((target - design @ found) ** 2).sum()), rel=1e-4, abs=1e-6)
 
 
 def test_the_proposed_trial_tells_more_than_most_and_stays_in_what_was_seen(rivals):
