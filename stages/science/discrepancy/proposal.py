@@ -19,6 +19,7 @@ from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel
 from stages.science.discrepancy.naming import extend
 from stages.science.discrepancy.ranking import UNKNOWN
 from stages.science.discrepancy.screening import screen
+from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.fitting import Model
 from stages.science.output_channels.output_channel import OutputChannel
@@ -204,7 +205,7 @@ class Proposed:
 
     def spell(self, trial: int) -> str:
         """Return what the levers do in a trial, in words."""
-        return "; ".join(f"{lever} {kind}" for lever, kind in self.kinds[trial].items())
+        return "; ".join(f"{name_signal(lever)[0]} {kind}" for lever, kind in self.kinds[trial].items())
 
 
 def _apart(rivals: Sequence[Rival]) -> NDArray[np.bool_]:
