@@ -56,7 +56,8 @@ FURTHER_TRIALS = Table(
         "excitation": column(str, "what each lever does"),
         "rivals": column(str, "names that it was to tell apart, the leading one first, by comma"),
         "probability": column(float, "of the leading name before it", low=0, high=1),
-        "expected": column(float, "of the true one after it, among the rivals", low=0, high=1),
+        "expected_before": column(float, "expected of the true one among the rivals, before it", low=0, high=1),
+        "expected_after": column(float, "the same, after it", low=0, high=1),
         "evidence": column(float, "expected log score of the true name over the next, mean over rivals", unit="nats"),
     },
     key=("trial",),
@@ -92,8 +93,16 @@ def further_trials(
             samples, (start_s,) = ctx.device.prescribe(*drive(weighed, chosen, session_machine), taken)
             further = samples.assign(start_s=start_s, part=PROPOSED)
             recorded = pd.concat([recorded, further[recorded.columns]], ignore_index=True)
-            promised = {"expected": weighed.probability[chosen], "evidence": weighed.mean_evidence[chosen]}
-            rows.append({"trial": samples["trial"].iloc[0], "excitation": weighed.spell(chosen), **told, **promised})
+            rows.append(
+                {
+                    "trial": samples["trial"].iloc[0],
+                    "excitation": weighed.spell(chosen),
+                    **told,
+                    "expected_before": weighed.expected_now,
+                    "expected_after": weighed.probability[chosen],
+                    "evidence": weighed.mean_evidence[chosen],
+                }
+            )
             advance(weighed.spell(chosen))
     kept = recorded[recorded["part"] == PROPOSED]
     return {

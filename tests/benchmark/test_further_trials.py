@@ -44,7 +44,7 @@ def test_the_loop_records_what_it_chose_and_the_search_has_it(pamid):
     chosen = pd.read_parquet(folder / "further_trials.parquet")
     assert list(chosen["trial"]) == [6]
     assert {"stribeck_friction", "coulomb_friction"} <= set(chosen["rivals"].item().split(","))
-    assert chosen["expected"].item() > chosen["probability"].item()
+    assert chosen["expected_after"].item() > chosen["expected_before"].item()
     parts = pd.read_parquet(folder / "trial_parts.parquet").set_index("trial")["part"]
     assert parts[6] == "fitted"
     assert len(parts) == 7

@@ -193,6 +193,11 @@ class Proposed:
     order: Sequence[int]
 
     @property
+    def expected_now(self) -> float:
+        """Expected probability of the true rival, as `probability`, before any of these trials."""
+        return sum(each.probability**2 for each in self.rivals)
+
+    @property
     def mean_evidence(self) -> Array:
         """Expected log score of the true rival over another, mean over all pairs, (J,), nats."""
         mean: Array = self.evidence.sum(axis=3)[_apart(self.rivals)].mean(axis=0)

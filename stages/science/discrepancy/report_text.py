@@ -394,11 +394,10 @@ def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None) -> 
             f"drives the machine to tell {told} apart."
         )
     best = weighed.order[0]
-    now = max(rivals.values())
     return (
-        f"To tell {told} apart, record next: {weighed.spell(best)}. The name that is true would then have probability "
-        f"{_sure(float(weighed.probability[best]))} among these, on average (the leading one has {_sure(now)} now; "
-        f"expected evidence {weighed.mean_evidence[best]:.3g} nats), if each rival is right but for its constants."
+        f"To tell {told} apart, record next: {weighed.spell(best)}. The true one of these has probability "
+        f"{_sure(weighed.expected_now)} now and would have {_sure(float(weighed.probability[best]))} after it, on average "
+        f"(expected evidence {weighed.mean_evidence[best]:.3g} nats), if each is right but for its constants."
     )
 
 

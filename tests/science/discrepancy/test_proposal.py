@@ -103,7 +103,8 @@ def test_the_proposed_trial_tells_more_than_most_and_stays_in_what_was_seen(riva
     x, seen = weighed.outputs[0].x, state.output.x
     assert seen.min() <= x.min() < x.max() <= seen.max()
     assert np.abs(np.diff(x, axis=0)).max() <= np.abs(np.diff(seen, axis=0)).max()
-    assert weighed.probability[best] == weighed.probability.max() > max(each.probability for each in both)
+    assert weighed.expected_now == pytest.approx(0.5)
+    assert weighed.probability[best] == weighed.probability.max() > weighed.expected_now
     assert weighed.mean_evidence[best] > np.median(weighed.mean_evidence)
     assert weighed.spell(best).startswith("x ")
 
