@@ -394,10 +394,11 @@ def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None) -> 
             f"drives the machine to tell {told} apart."
         )
     best = weighed.order[0]
+    now, then = _sure(weighed.expected_now), _sure(float(weighed.probability[best]))
+    evidence = f"expected evidence {weighed.mean_evidence[best]:.3g} nats"
     return (
-        f"To tell {told} apart, record next: {weighed.spell(best)}. The true one of these has probability "
-        f"{_sure(weighed.expected_now)} now and would have {_sure(float(weighed.probability[best]))} after it, on average "
-        f"(expected evidence {weighed.mean_evidence[best]:.3g} nats), if each is right but for its constants."
+        f"To tell {told} apart, record next: {weighed.spell(best)}. The true one of these has probability {now} now, "
+        f"and on average {then} after it ({evidence}), if each is right but for its constants."
     )
 
 
