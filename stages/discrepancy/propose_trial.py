@@ -88,7 +88,7 @@ def propose_trial(
             "proposed_trial",
             draw_proposed_trial(written[PROPOSED_SIGNALS.name], list(chosen)),
             f"The proposed trial ({weighed.spell(weighed.order[0])}) where rivals differ most: what drives the "
-            "machine, and what each of them predicts, with its constants as they are fitted now.",
+            "machine, what the first of them predicts, and by how much the others' predictions differ from it.",
         )
     sentence = describe_proposal(chosen, weighed)
     written[PROPOSAL.name] = pd.DataFrame({"proposal": [sentence]})

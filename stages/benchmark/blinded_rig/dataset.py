@@ -17,7 +17,7 @@ import pandas as pd
 from threadpoolctl import threadpool_limits
 
 from stages.benchmark.blinded_rig.calibration import CHANNELS, NominalFit, Size, size_effect
-from stages.benchmark.blinded_rig.chain import Readings
+from stages.benchmark.blinded_rig.chain import Carried, Readings
 from stages.benchmark.blinded_rig.effects import ALL_EFFECTS
 from stages.benchmark.blinded_rig.machine import (
     BRAID_ANGLE_DEG,
@@ -56,11 +56,8 @@ def simulate(scenario: Scenario) -> Dataset:
 
 def simulate_possible(scenario: Scenario) -> Dataset:
     """Simulate the dataset of a scenario that makes sense."""
-    session = build_session(scenario.seed, scenario.trials, scenario.load_cell_site, catalogue=scenario.catalogue)
-    fit = NominalFit(session)
-    carries = np.array([float(muscle in scenario.muscles) for muscle in MUSCLES])
-    sizes = {key: size_effect(fit, ALL_EFFECTS[key], carries, scenario.magnitude) for key in scenario.effects}
-    carried = tuple((ALL_EFFECTS[key], sized.size) for key, sized in sizes.items())
+    fit, sizes, carried = size_effects(scenario)
+    session = fit.session
     noisy = observe(session, carried)
     quiet = session
     if not scenario.noisy or session.surroundings is not None:
@@ -75,6 +72,15 @@ def simulate_possible(scenario: Scenario) -> Dataset:
     return Dataset(tabulate(shown.as_read(readings), readings), describe(shown), truth)
 
 
+def size_effects(scenario: Scenario) -> tuple[NominalFit, dict[str, Size], Carried]:
+    """Return the nominal fit of a scenario's session, the sizes of its effects there by key, and both as carried."""
+    session = build_session(scenario.seed, scenario.trials, scenario.load_cell_site, catalogue=scenario.catalogue)
+    fit = NominalFit(session)
+    carries = np.array([float(muscle in scenario.muscles) for muscle in MUSCLES])
+    sizes = {key: size_effect(fit, ALL_EFFECTS[key], carries, scenario.magnitude) for key in scenario.effects}
+    return fit, sizes, tuple((ALL_EFFECTS[key], sized.size) for key, sized in sizes.items())
+
+
 def extend(
     scenario: Scenario, command_kpa: Array, joint_rad: Array, step_s: float, taken: int
 ) -> tuple[pd.DataFrame, list[float]]:
@@ -84,13 +90,8 @@ def extend(
     recorded before. The machine is the session's, and what it hides is as large as there.
     """
     with threadpool_limits(1, user_api="blas"):
-        session = build_session(scenario.seed, scenario.trials, scenario.load_cell_site, catalogue=scenario.catalogue)
-        fit = NominalFit(session)
-        carries = np.array([float(muscle in scenario.muscles) for muscle in MUSCLES])
-        carried = tuple(
-            (ALL_EFFECTS[key], size_effect(fit, ALL_EFFECTS[key], carries, scenario.magnitude).size)
-            for key in scenario.effects
-        )
+        fit, _, carried = size_effects(scenario)
+        session = fit.session
         first_s = PAUSE_S * taken
         begun = replace(session, stimulus=replace(session.stimulus, start_s=session.stimulus.start_s + first_s))
         further = prescribe(
