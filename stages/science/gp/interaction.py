@@ -13,6 +13,7 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE, TaskVariance, reduce_task_variance
 from stages.science.gp.kernel import Array
 from stages.science.gp.knowledge import Knowledge, Policy, check_muscles, check_trajectories
 from stages.science.gp.marginal import MarginalGP, condition, fit
@@ -28,7 +29,7 @@ class Design(Policy):
     utility, reduce, reuse_trajectories, mean, memory_mb
         As in `Policy`.
     subsample_utility : str
-        What a recording's samples are picked by; a name in `UTILITIES`, or ``random``.
+        What a recording's samples are picked by; a name in `UTILITIES`, ``integrated_variance`` or ``random``.
     points_per_trial : int
         Samples that each muscle's model takes from a trial.
     log_det_every : int
@@ -73,6 +74,12 @@ class Interaction(Knowledge):
         """Samples of a trajectory to which a joint utility takes one."""
         return self.design.log_det_every
 
+    def _score(self) -> Array:
+        if self.design.utility != INTEGRATED_VARIANCE:
+            return super()._score()
+        check_muscles(len(self.priors), self.tasks)
+        return reduce_task_variance(self.models, self.tasks, self.candidates, self.design.points_per_trial)
+
     def tell(
         self,
         trajectory: int,
@@ -110,19 +117,21 @@ class Interaction(Knowledge):
         check_muscles(len(self.priors), inputs, outputs, generators, ways)
         check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
         picks = tuple(
-            self._pick(model, x, y, each, way)
-            for model, x, y, each, way in zip(self.models, inputs, outputs, generators, ways, strict=True)
+            self._pick(muscle, x, y, each, way)
+            for muscle, (x, y, each, way) in enumerate(zip(inputs, outputs, generators, ways, strict=True))
         )
         x, y = ([each[at] for each, at in zip(data, picks, strict=True)] for data in (inputs, outputs))
         return self._append(trajectory, x, y, generators), picks
 
     def _pick(
-        self, model: MarginalGP, x: Array, y: Array, generator: np.random.Generator, displace: Displace | None
+        self, muscle: int, x: Array, y: Array, generator: np.random.Generator, displace: Displace | None
     ) -> NDArray[np.intp]:
         count, utility = self.design.points_per_trial, self.design.subsample_utility
         check_count(count, len(x))
+        if utility == INTEGRATED_VARIANCE:
+            return TaskVariance(self.models[muscle], self.tasks[muscle]).pick(x, count, displace)[0]
         if utility != "random":
-            return subsample(model, x, y, count, utility, displace)
+            return subsample(self.models[muscle], x, y, count, utility, displace)
         taken: list[int] = []
         for row in generator.choice(len(x), count, replace=False):
             taken.append(int(row) if displace is None else displace(int(row), taken))

@@ -25,7 +25,7 @@ class Policy:
     Parameters
     ----------
     utility : str
-        What a trajectory is chosen by; a name in `UTILITIES`, or ``random``.
+        What a trajectory is chosen by; a name in `UTILITIES`, ``log_det``, ``integrated_variance`` or ``random``.
     reduce : str
         ``sum`` or ``max`` over a trajectory's samples.
     reuse_trajectories : bool
@@ -69,6 +69,8 @@ class Knowledge(ABC):
         The MAP of each muscle's hyperparameters, given the data.
     used : frozenset of int
         Trajectories executed so far.
+    tasks : tuple over M muscles of (Q, D) float arrays
+        Standardised inputs that the models are wanted for; ``integrated_variance`` alone asks for them.
     """
 
     design: Policy
@@ -78,6 +80,7 @@ class Knowledge(ABC):
     outputs: tuple[Array, ...]
     thetas: tuple[Array, ...]
     used: frozenset[int]
+    tasks: tuple[Array, ...] = ()
 
     @classmethod
     def begin(
@@ -89,6 +92,7 @@ class Knowledge(ABC):
         outputs: Sequence[Array],
         used: Sequence[int],
         generators: Sequence[np.random.Generator],
+        tasks: Sequence[Array] = (),
     ) -> Self:
         """Identify every muscle's model from the initial data; one generator for each muscle's starts.
 
@@ -99,7 +103,7 @@ class Knowledge(ABC):
         """
         check_muscles(len(priors), candidates, inputs, outputs, generators)
         check_trajectories("used: expected trajectories 0 to", used, candidates)
-        blank = cls(design, tuple(candidates), tuple(priors), (), (), (), frozenset(used))
+        blank = cls(design, tuple(candidates), tuple(priors), (), (), (), frozenset(used), tuple(tasks))
         return blank._identify(tuple(inputs), tuple(outputs), generators)
 
     @abstractmethod
@@ -161,16 +165,16 @@ class Knowledge(ABC):
             )
         if self.design.utility == "random":
             return Choice(int(generator.choice(available)), None)
-        scores = trajectory_utility(
-            self.models,
-            self.candidates,
-            self.design.utility,
-            self.design.reduce,
-            self.design.memory_mb,
-            self.stride,
-        )
+        scores = self._score()
         scores[~np.isin(np.arange(len(scores)), available)] = -np.inf
         return Choice(int(np.argmax(scores)), scores)
+
+    def _score(self) -> Array:
+        """Return the utility of every trajectory of the bank, (R,)."""
+        design = self.design
+        return trajectory_utility(
+            self.models, self.candidates, design.utility, design.reduce, design.memory_mb, self.stride
+        )
 
 
 def check_muscles(expected: int, *each: Sequence[object]) -> None:

@@ -77,6 +77,11 @@ class MarginalGP(MarginalModel):
         )
         return MarginalGP(posterior, self.theta, self.laplace.covariance)
 
+    def whiten(self, points: Array) -> Array:
+        """Return L^-1 k(X, x*) of (B, D) points, (N, B), by which the data explain their covariance."""
+        points = self._check(points)
+        return self._predictor(max(1, len(points))).whiten(points).copy()
+
     def joint_information(self, points: Array) -> float:
         """Return the information that noisy measurements at all (T, D) points together bring about theta (nats).
 

@@ -1,0 +1,108 @@
+"""What noisy measurements take from a model's mean posterior variance over the inputs that it is wanted for, its task.
+
+A model, (Q, D) inputs of the task and the inputs of trajectories flow in; picks and gains flow out. With c the
+posterior covariance given the data, a measurement at x takes
+
+    1/Q sum_q c(z_q, x)^2 / (c(x, x) + sn^2)
+
+from the mean of c(z_q, z_q). Samples are picked greedily, each time given those before: the I-optimal design of Seo,
+Wallat, Graepel and Obermayer, Gaussian process regression: active data selection (IJCNN 2000). Hyperparameters are
+held; neither data nor outputs are needed but for the model's.
+"""
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.distance import cdist
+
+from stages.science.gp.kernel import Array
+from stages.science.gp.marginal import MarginalGP
+from stages.science.gp.posterior import check_points
+from stages.science.gp.subsample import Displace, check_count
+
+INTEGRATED_VARIANCE = "integrated_variance"
+
+
+class TaskVariance:
+    """The mean variance of a model over a task, and what measurements take from it; all in standard units squared."""
+
+    def __init__(self, model: MarginalGP, task: Array):
+        self._lengths = model.hyperparameters.lengths
+        self._signal, self._noise = model.hyperparameters.signal_variance, model.noise_variance
+        self._whiten = model.whiten
+        self._task = check_points(task, self._lengths.size, "task")
+        if not len(self._task):
+            raise ValueError("task: expected at least one input, got none")
+        self._whitened_task = self._whiten(self._task)
+
+    @property
+    def mean(self) -> float:
+        """Mean of V over the task."""
+        explained = np.square(self._whitened_task).sum(axis=0)
+        return float(np.maximum(self._signal - explained, 0.0).mean())
+
+    def pick(self, inputs: Array, count: int, displace: Displace | None = None) -> tuple[NDArray[np.intp], float]:
+        """Return the rows of (T, D) inputs that take most, (count,), in the order of picking, and what they take.
+
+        `displace` may take another row in place of each pick, as in `subsample`.
+        """
+        inputs = check_points(inputs, self._lengths.size)
+        check_count(count, len(inputs))
+        whitened = self._whiten(inputs)
+        across = self._covariance(inputs, self._task) - whitened.T @ self._whitened_task
+        variance = np.maximum(self._signal - np.square(whitened).sum(axis=0), 0.0)
+        norms = np.einsum("tq,tq->t", across, across)
+        picks: list[int] = []
+        own, along = np.empty((count, len(inputs))), np.empty((count, len(self._task)))
+        taken = 0.0
+        for k in range(count):  # `across` stays: what earlier picks took from it, own[:k]' along[:k], is taken on the way
+            gains = norms / (len(self._task) * (variance + self._noise))
+            gains[picks] = -np.inf
+            best = int(np.argmax(gains))
+            if displace is not None:
+                best = displace(best, picks)
+            before, scale = own[:k, best].copy(), np.sqrt(variance[best] + self._noise)
+            column = self._covariance(inputs, inputs[[best]])[:, 0] - whitened.T @ whitened[:, best]
+            own[k] = (column - before @ own[:k]) / scale
+            along[k] = (across[best] - before @ along[:k]) / scale
+            shared = across @ along[k] - (along[:k] @ along[k]) @ own[:k]
+            norms = np.maximum(norms - 2.0 * own[k] * shared + np.square(own[k]) * (along[k] @ along[k]), 0.0)
+            variance = np.maximum(variance - np.square(own[k]), 0.0)
+            picks.append(best)
+            taken += float(along[k] @ along[k]) / len(self._task)
+        return np.array(picks, dtype=np.intp), taken
+
+    def _covariance(self, points: Array, others: Array) -> Array:
+        squares = cdist(points / self._lengths, others / self._lengths, "sqeuclidean")
+        return np.asarray(self._signal * np.exp(-0.5 * squares))
+
+
+def reduce_task_variance(
+    models: Sequence[MarginalGP], tasks: Sequence[Array], candidates: Sequence[Array], count: int
+) -> Array:
+    """Return what the best `count` samples of every trajectory take from the tasks' mean variances, (R,).
+
+    Parameters
+    ----------
+    models, tasks, candidates : sequences over M muscles of MarginalGP, (Q, D) and (R, T, D) float arrays
+        Standardised inputs that the models are wanted for, and those along each trajectory.
+    count : int
+        Samples that a trial gives each model.
+
+    Returns
+    -------
+    (R,) float array
+        Added over muscles, each in the square of its standard unit.
+
+    Raises
+    ------
+    ValueError
+        When shapes do not fit or a task is empty.
+    """
+    scores = []
+    for model, task, inputs in zip(models, tasks, candidates, strict=True):
+        variance = TaskVariance(model, task)
+        scores.append([variance.pick(each, count)[1] for each in inputs])
+    total: Array = np.sum(scores, axis=0)
+    return total
