@@ -94,7 +94,8 @@ class Record:
         temporary = self.folder / f".{name}.{os.getpid()}{TEMPORARY_SUFFIX}"
         shutil.rmtree(temporary, ignore_errors=True)
         for table in self.tables.values():
-            rows = frames.get(table.name, pd.DataFrame(columns=list(table.columns)))
+            required = [name for name, each in table.columns.items() if each.required]
+            rows = frames.get(table.name, pd.DataFrame(columns=required))
             table.write(rows, temporary / f"{table.name}.parquet")
         try:
             temporary.rename(place)

@@ -100,7 +100,7 @@ def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], consol
     done = [each for each in stages if ledger.finished(each.name)]
     for table in headline_tables(study, done):
         frame = _read(ledger, table)
-        print_frame(table.title, frame[list(table.brief or table.columns)], console)
+        print_frame(table.title, frame[list(table.brief or frame.columns)], console)
 
 
 def _make_plan(ledger: Ledger, stages: Sequence[Stage], reached: Sequence[Stage]) -> dict[str, Any]:

@@ -39,16 +39,21 @@ def column(
     high: float | None = None,
     among: Iterable[Any] | None = None,
     nullable: bool = False,
+    optional: bool = False,
 ) -> pa.Column:
     """Declare one column of a table: of int, float, str or bool, with one line for the report and the Parquet file.
 
     The unit is ``"1"`` for ratios, counts and names. Values lie in the closed range from `low` to `high`, or `among`
-    the only ones allowed; they may be missing where the column is `nullable`.
+    the only ones allowed; they may be missing where the column is `nullable`. An `optional` column may be absent as a
+    whole.
     """
     allowed = None if among is None else list(among)
     limits = ((pa.Check.ge, low), (pa.Check.le, high), (pa.Check.isin, allowed))
     checks = [check(limit) for check, limit in limits if limit is not None]
-    return pa.Column(dtype, checks, nullable=nullable, description=description, metadata={"unit": unit})
+    metadata = {"unit": unit}
+    return pa.Column(
+        dtype, checks, nullable=nullable, required=not optional, description=description, metadata=metadata
+    )
 
 
 @dataclass(frozen=True)
@@ -77,7 +82,7 @@ class Table:
         rows.
         """
         names = [str(name) for name in frame.columns]
-        missing = [name for name in self.columns if name not in frame.columns]
+        missing = [name for name, each in self.columns.items() if each.required and name not in frame.columns]
         surplus = [str(name) for name in frame.columns if name not in self.columns]
         repeated = sorted({name for name in names if names.count(name) > 1} - set(surplus))
         parts = [
@@ -85,7 +90,8 @@ class Table:
             for problem, found in (("lacks", missing), ("has unknown", surplus), ("repeats", repeated))
             if found
         ]
-        if not parts and names != list(self.columns):
+        present = {name: each for name, each in self.columns.items() if name in names}
+        if not parts and names != list(present):
             parts = [f"has columns {', '.join(names)} in this order"]
         if parts:
             raise TableError(
@@ -93,8 +99,8 @@ class Table:
             )
         frame = frame.reset_index(drop=True)
         checked = frame
-        if frame.empty or not all(_obeys(frame[name], each) for name, each in self.columns.items()):
-            schema = pa.DataFrameSchema(dict(self.columns), coerce=True) if frame.empty else self.schema
+        if frame.empty or not all(_obeys(frame[name], each) for name, each in present.items()):
+            schema = pa.DataFrameSchema(present, coerce=True) if frame.empty else self.schema
             try:
                 checked = schema.validate(frame, lazy=True)
             except pa.errors.SchemaErrors as errors:
@@ -114,8 +120,8 @@ class Table:
         """Check `frame` and write it to `path` atomically; when it is refused, `path` is as it was."""
         checked = self.check(frame, "on write")
         arrow = pyarrow.Table.from_pandas(checked, preserve_index=False)
-        described = zip(arrow.schema, self.describe(), strict=True)
-        fields = [field.with_metadata({"unit": unit, "description": told}) for field, (_, unit, told) in described]
+        described = {name: {"unit": unit, "description": told} for name, unit, told in self.describe()}
+        fields = [field.with_metadata(described[field.name]) for field in arrow.schema]
         metadata = {**(arrow.schema.metadata or {}), b"title": self.title.encode()}
         content = _seal(arrow.cast(pyarrow.schema(fields, metadata=metadata)))
         write_atomically(path, lambda temporary: temporary.write_bytes(content), final=True)

@@ -1,6 +1,7 @@
 """Algorithm 1: identify, choose the trajectory that tells most, execute it, take its best samples, identify again.
 
-In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings` and the rig.
+In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings`, the rig, and
+`task` where a choice asks what models are wanted for.
 Out, one part per trial: `trials` (what was chosen and why), `active_recordings` (what was measured), `models` (the MAP
 after each trial; trial 0 is the initial data's), `points` (the samples each model stands on) and `decisions` (of an
 operator, where one attended). Every arm starts from
@@ -11,7 +12,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
-from typing import Any, ClassVar, Literal, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
@@ -23,11 +24,13 @@ from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.trial_commands import draw_chosen_trials
+from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE
 from stages.science.gp.interaction import Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.muscle_models.description import describe_choice, describe_models
 from stages.science.muscle_models.error_rates import ForceTest
-from stages.science.muscle_models.loop_settings import DesignSettings, Movements, refuse_repeats
+from stages.science.muscle_models.inputs import ModelSettings, describe_features
+from stages.science.muscle_models.loop_settings import DesignSettings, Movements, Utility, refuse_repeats
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import keep_usable, spread_evenly, take
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -35,7 +38,7 @@ from stages.science.rig.attendance import TrialDeclined
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Rig
 from stages.science.rig.reference import track
 from stages.science.rig.trial import Proposal
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
 
 WHERE = {
     "participant": column(str, "who tracked"),
@@ -51,8 +54,8 @@ TRIALS = Table(
         "trajectory": column(int, "movement of the bank that was chosen", low=0),
         "utility": column(
             float,
-            "its utility: the sum over muscles, over samples as active_loop.reduce says; nats, for variance the square "
-            "of standard units",
+            "its utility: the sum over muscles, over samples as active_loop.reduce says; nats, for variance and "
+            "integrated_variance the square of standard units",
             nullable=True,
         ),
         "runner_up": column(float, "utility of the best trajectory that was not chosen", nullable=True),
@@ -93,6 +96,7 @@ POINTS = Table(
         "muscle": column(str, "muscle"),
         "pick": column(int, "order of picking within the trial", low=0),
         **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", *MODEL_INPUTS, MODEL_OUTPUT)},
+        **describe_features(),
     },
     key=(*WHERE, "muscle", "pick"),
 )
@@ -120,7 +124,7 @@ DECISIONS = Table(
 class ActiveLoop(DesignSettings):
     """Config group ``active_loop``."""
 
-    controls: list[Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]] | None
+    controls: list[Utility] | None
     control_experiments: PositiveInt | None
 
     @model_validator(mode="after")
@@ -186,6 +190,7 @@ class Config(Section):
     checks: ClassVar = (TrialsFit,)
 
     active_loop: ActiveLoop
+    model: ModelSettings
     rig: Target
     seed: int
 
@@ -200,6 +205,7 @@ def active_loop(
     scaling: pd.DataFrame,
     hardware_recordings: pd.DataFrame,
     ctx: Context,
+    task: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Choose, execute and learn from one interaction after another, for every experiment and arm."""
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
@@ -207,17 +213,18 @@ def active_loop(
     arms = choose_arms(cfg.active_loop, rig.real)
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
     rig.check_bank(references, "trajectory")
+    tasks = read_task(task, muscles, cfg.active_loop, arms)
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
     loops: dict[str, tuple[Loop]] = {}
     for (participant, experiment), initial in experiments:
         executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
-        start = spread_evenly(keep_usable(executed), cfg.active_loop.initial_points, muscles.names)
+        start = spread_evenly(keep_usable(cfg.model.extend(executed, ["position"])), cfg.active_loop.initial_points, muscles.names)
         used = [int(each) for each in initial["trajectory"]]
         most = cfg.active_loop.control_experiments
         for arm in arms if most is None or int(str(experiment)) <= most else arms[:1]:
             number = len(initial_trials) + len(loops) * cfg.active_loop.trials
             who = str(participant), int(str(experiment))
-            loop = Loop(cfg, ctx, muscles, references, start, used, *who, arm, number)
+            loop = Loop(cfg, ctx, muscles, tasks, references, start, used, *who, arm, number)
             loops["{} experiment {} {}".format(*who, arm)] = (loop,)
     tables = ctx.land("experiments", Loop.run, loops)
     first = tables["trials"].iloc[0]
@@ -231,6 +238,18 @@ def active_loop(
     groups = {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}
     ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, groups), caption)
     return tables
+
+
+def read_task(task: pd.DataFrame | None, muscles: MuscleSet, section: ActiveLoop, arms: Sequence[str]) -> list[Array]:
+    """Return the standardised inputs that models are wanted for, by muscle; none where no choice asks for them."""
+    if INTEGRATED_VARIANCE not in (*arms, section.subsample_utility):
+        return []
+    if task is None:
+        raise ConfigError(
+            f"active_loop.utility: {INTEGRATED_VARIANCE} asks for the stage task, which says what models are wanted "
+            "for; add it to workflow.stages, or choose another"
+        )
+    return muscles.inputs_of(task)
 
 
 def check_budget(section: ActiveLoop, movements: int, initial: int) -> None:
@@ -271,6 +290,7 @@ class Loop:
     cfg: Config
     ctx: Context
     muscles: MuscleSet
+    tasks: list[Array]
     references: pd.DataFrame
     start: pd.DataFrame
     initial: list[int]
@@ -327,7 +347,7 @@ class Loop:
         choice = interaction.ask(generator, but=self.muscles.indices(sorted(out)))
         described = describe_choice(choice, interaction, self.muscles)
         samples = self.execute(choice, described, trial, landed, len(left), rig)
-        usable = keep_usable(samples)
+        usable = keep_usable(self.cfg.model.extend(samples, []))
         surprise = float(np.mean(ForceTest.read("trial", usable, self.muscles).error_rates(interaction.models)))
         told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(usable), self.starts(trial))
         points.append(self.label(take(usable, picks, self.muscles.names), trial))
@@ -336,7 +356,7 @@ class Loop:
             TRIALS.name: self.label(pd.DataFrame([{**described, "surprise": surprise}]), trial),
             ACTIVE_RECORDINGS.name: self.label(samples, trial),
             MODELS.name: pd.concat(models, ignore_index=True),
-            POINTS.name: pd.concat(points, ignore_index=True)[list(POINTS.columns)],
+            POINTS.name: pd.concat(points, ignore_index=True)[[name for name in POINTS.columns if name in points[0]]],
         }
         if rig.attendance is not None:
             decision = attempt, described["trajectory"], "keep", rig.attendance.note, ""
@@ -361,7 +381,7 @@ class Loop:
         used = muscles.indices([*self.initial, *(int(part["trials"]["trajectory"].iloc[0]) for part in landed)])
         if not landed:
             known = muscles.candidates, muscles.priors, inputs, outputs
-            return Interaction.begin(design, *known, used, self.starts(0))
+            return Interaction.begin(design, *known, used, self.starts(0), self.tasks)
         models = landed[-1]["models"]
         latest = models[models["trial"] == models["trial"].max()]
         return Interaction(
@@ -372,6 +392,7 @@ class Loop:
             tuple(outputs),
             tuple(latest.loc[latest["muscle"] == name, "value"].to_numpy() for name in muscles.names),
             frozenset(used),
+            tuple(self.tasks),
         )
 
     def starts(self, trial: int) -> list[np.random.Generator]:

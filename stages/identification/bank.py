@@ -108,30 +108,31 @@ class UnseenConfig(Section):
 @stage(BANK, stream="bank")
 def bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record an experimenter's natural movements under varied pressures, with force."""
-    return record_movements(BANK, cfg.bank, "a natural movement for the bank", ctx)
+    return record_movements(BANK, cfg.bank, "for the bank", ctx)
 
 
 @stage(UNSEEN_BANK, stream="unseen_bank")
 def unseen_bank(cfg: UnseenConfig, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record a second bank of natural movements, for the evaluation alone."""
-    return record_movements(UNSEEN_BANK, cfg.unseen_bank, "a natural movement for the evaluation alone", ctx)
+    return record_movements(UNSEEN_BANK, cfg.unseen_bank, "for the evaluation alone", ctx)
 
 
-def record_movements(table: Table, section: FreeMovements, reason: str, ctx: Context) -> dict[str, pd.DataFrame]:
-    """Record every free movement of a bank, a part each."""
+def record_movements(table: Table, section: FreeMovements, purpose: str, ctx: Context) -> dict[str, pd.DataFrame]:
+    """Record every free movement of a bank, for a purpose that whoever attends is told; a part each."""
     with ctx.device as rig, ctx.progress("movements", section.trajectories) as advance:
         for trajectory in range(section.trajectories):
-            make = partial(record_movement, table, section, reason, ctx, rig, trajectory)
+            make = partial(record_movement, table, section, purpose, ctx, rig, trajectory)
             until_kept(partial(ctx.record.part, (trajectory,), make))
             advance(f"movement {trajectory}")
     return ctx.record.collect()
 
 
 def record_movement(
-    table: Table, section: FreeMovements, reason: str, ctx: Context, rig: Rig, trajectory: int
+    table: Table, section: FreeMovements, purpose: str, ctx: Context, rig: Rig, trajectory: int
 ) -> dict[str, pd.DataFrame]:
     """Record one free movement; those of the bank have a number, by which a replay can find them."""
     watch, label = ctx.record.watch((trajectory,)), f"{table.name.replace('_', ' ')} {trajectory}"
+    reason = f"{section.find_kind(trajectory).instruction} {purpose}"
     proposal, number = Proposal(trajectory + 1, section.trajectories, reason), trajectory if table is BANK else None
     columns = section.record(trajectory, rig, ctx.generator(trajectory), label, watch, number, proposal)
     return {table.name: pd.DataFrame(columns)}

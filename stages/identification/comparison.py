@@ -1,7 +1,7 @@
 """Learning curves of every arm on measured forces, paired tests of the design against each control, and an advice.
 
-In: `bank` (a test set, with force), `hyperprior`, `scaling`, `models`, `points`, and `unseen_bank` (another test set)
-where there is one. Out: `learning_curve`, `learning_summary`, `final_errors`, `paired_comparison`, `recommendation`.
+In: `bank` (a test set, with force), `hyperprior`, `scaling`, `models`, `points`, and `unseen_bank` and
+`task_movements` (further test sets) where there are some. Out: `learning_curve`, `learning_summary`, `final_errors`, `paired_comparison`, `recommendation`.
 This stage only reads: it chooses and measures nothing.
 """
 
@@ -18,6 +18,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, average_muscles
+from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import Array
@@ -27,13 +28,15 @@ from stages.science.statistics.verdicts import LEVEL, judge_differences
 DESCRIBED = {
     "bank": "the bank that trials were chosen from",
     "unseen_bank": "a second bank that nothing else saw",
+    "task": "the movements that models are wanted for",
 }
 
 ARM = column(str, "how trajectories were chosen")
 TESTED_ON = column(
     str,
-    "bank: the movements that trials were chosen from; unseen_bank: movements that nothing else saw",
-    among=["bank", "unseen_bank"],
+    "bank: the movements that trials were chosen from; unseen_bank: movements that nothing else saw; task: those that "
+    "models are wanted for",
+    among=["bank", "unseen_bank", "task"],
 )
 LEARNING_CURVE = Table(
     "learning_curve",
@@ -128,6 +131,7 @@ class Config(Section):
     """What this stage reads."""
 
     comparison: Comparison
+    model: ModelSettings
 
 
 @stage(LEARNING_CURVE, LEARNING_SUMMARY, FINAL_ERRORS, PAIRED_COMPARISON, RECOMMENDATION)
@@ -140,10 +144,16 @@ def comparison(
     points: pd.DataFrame,
     ctx: Context,
     unseen_bank: pd.DataFrame | None = None,
+    task_movements: pd.DataFrame | None = None,
 ) -> tuple[pd.DataFrame, ...]:
     """Draw the learning curves of every arm and test the design against each control."""
     muscles, arms = list(hyperprior["muscle"].unique()), list(models["arm"].unique())
-    tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
+    given = {"bank": bank, "unseen_bank": unseen_bank, "task": task_movements}
+    tests = {
+        name: cfg.model.extend(each, ["trajectory"])
+        for name, each in given.items()
+        if each is not None and not each.empty
+    }
     jobs, who = {}, ["participant", "experiment"]
     for muscle in muscles:
         recorded = RecordedModels.read(hyperprior, scaling, muscle)

@@ -4,6 +4,7 @@ In: `candidates`, for the range of the inputs (they have no force). Out: `hyperp
 comes from the data sheet.
 """
 
+from collections.abc import Sequence
 from typing import Annotated, Any, Self
 
 import pandas as pd
@@ -14,13 +15,15 @@ from pipeline.context import Context
 from pipeline.errors import suggest
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.muscle_models.inputs import FEATURES, ModelSettings
 from stages.science.plant.exoskeleton import MOST_CONTRACTED, Exoskeleton, Muscle
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
+from stages.science.signals.scaling import MODEL_OUTPUT
 
-UNITS = dict(zip((*MODEL_INPUTS, MODEL_OUTPUT), ("kPa", "1", "1/s", "N"), strict=True))
+UNITS = {**{each.column: each.unit for each in FEATURES.values()}, MODEL_OUTPUT: "N"}
 
 CONSTANT_MEAN = "constant_mean"
-LOGS = ("log_length_pressure", "log_length_contraction", "log_length_velocity", "log_signal_sd", "log_noise_sd")
+LENGTHS = {name: f"log_length_{name}" for name in FEATURES} | {"contraction_velocity": "log_length_velocity"}
+LOGS = (*LENGTHS.values(), "log_signal_sd", "log_noise_sd")
 HYPERPARAMETERS = {**dict.fromkeys(LOGS, "log of standard units"), CONSTANT_MEAN: "standard units"}
 
 HYPERPRIOR = Table(
@@ -88,6 +91,7 @@ class Config(Section):
     """What this stage reads."""
 
     hyperprior: Hyperprior
+    model: ModelSettings
     exoskeleton: Exoskeleton
 
     @model_validator(mode="after")
@@ -103,7 +107,7 @@ class Config(Section):
             for name in rows:
                 if name not in HYPERPARAMETERS:
                     raise ValueError(f"hyperprior: no hyperparameter '{name}'; {suggest(name, HYPERPARAMETERS)}")
-            missing = [name for name in LOGS if name not in rows]
+            missing = [name for name in name_hyperparameters(self.model) if name not in (*rows, CONSTANT_MEAN)]
             if missing:
                 raise ValueError(f"hyperprior.rows lacks {', '.join(missing)}")
             if muscle.type not in section.data_sheet:
@@ -128,24 +132,32 @@ def hyperprior(cfg: Config, candidates: pd.DataFrame, ctx: Context) -> tuple[pd.
     for muscle in cfg.exoskeleton.muscles:
         rows = {**cfg.hyperprior.rows, **cfg.hyperprior.muscles.get(muscle.name, {})}
         priors += [
-            (muscle.name, name, rows[name].mean, rows[name].variance, unit, rows[name].source)
-            for name, unit in HYPERPARAMETERS.items()
+            (muscle.name, name, rows[name].mean, rows[name].variance, HYPERPARAMETERS[name], rows[name].source)
+            for name in name_hyperparameters(cfg.model)
             if name in rows
         ]
         sheet = cfg.hyperprior.data_sheet[muscle.type]
-        scalings += scale_muscle(muscle, sheet, candidates[candidates["muscle"] == muscle.name])
+        its = candidates[candidates["muscle"] == muscle.name]
+        scalings += scale_muscle(muscle, sheet, its, [each.column for each in cfg.model.features])
     table_1 = pd.DataFrame(priors, columns=list(HYPERPRIOR.columns))
     return table_1, pd.DataFrame(scalings, columns=list(SCALING.columns))
 
 
-def scale_muscle(muscle: Muscle, sheet: DataSheet, candidates: pd.DataFrame) -> list[tuple[Any, ...]]:
+def name_hyperparameters(model: ModelSettings) -> list[str]:
+    """Return the names in the order of the model's parameter vector, that of a constant mean last."""
+    return [*(LENGTHS[name] for name in model.inputs), "log_signal_sd", "log_noise_sd", CONSTANT_MEAN]
+
+
+def scale_muscle(
+    muscle: Muscle, sheet: DataSheet, candidates: pd.DataFrame, inputs: Sequence[str]
+) -> list[tuple[Any, ...]]:
     """Return the rows of `scaling`: inputs by the bank's mean and SD, force by the data sheet over the bank's range.
 
     The data sheet's force is taken as proportional to pressure and falling linearly to zero at the largest contraction.
     The centre is that force at the bank's mean state, the scale a quarter of it at the strongest state of the bank.
     """
     rows = []
-    for name in MODEL_INPUTS:
+    for name in inputs:
         values = candidates[name]
         centre, spread = float(values.mean()), float(values.std(ddof=0))
         source = "mean and SD over the bank" if spread > 0 else "mean over the bank, where it is constant"

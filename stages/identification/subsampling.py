@@ -13,6 +13,7 @@ from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.muscle_models.inputs import ModelSettings, describe_features
 from stages.science.muscle_models.loop_settings import Movements
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.participant import Participant
@@ -20,20 +21,26 @@ from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS
 from stages.science.signals.scaling import MODEL_INPUTS
 
 TRAJECTORY = column(int, "movement of the bank", low=0)
+PAST = describe_features()
 
 CANDIDATES, REFERENCES = (
     Table(
         name,
         title,
-        {"trajectory": TRAJECTORY, **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", "muscle", *quantities)}},
+        {
+            "trajectory": TRAJECTORY,
+            **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", "muscle", *quantities)},
+            **features,
+        },
         key=("trajectory", "muscle", "time_s"),
     )
-    for name, title, quantities in (
-        ("candidates", "A sample of a bank movement as the models' input, without force", MODEL_INPUTS),
+    for name, title, quantities, features in (
+        ("candidates", "A sample of a bank movement as the models' input, without force", MODEL_INPUTS, PAST),
         (
             "references",
             "A sample of what a trial displays to the person (joint angle) and plays on the robot (pressure command)",
             ("pressure_command_kpa", "joint_angle_rad"),
+            {},
         ),
     )
 )
@@ -93,6 +100,7 @@ class Config(Section):
     checks: ClassVar = (TrialsFit,)
 
     subsampling: Subsampling
+    model: ModelSettings
     participants: dict[str, Participant] = Field(min_length=1)
     seed: int
 
@@ -101,7 +109,8 @@ class Config(Section):
 def subsampling(cfg: Config, bank: pd.DataFrame, ctx: Context) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """Thin the bank to candidates without force and draw each experiment's initial trials."""
     rank = bank.groupby(["trajectory", "muscle"], sort=False).cumcount()
-    candidates = bank.loc[rank % cfg.subsampling.every == 0, list(CANDIDATES.columns)]
+    known = cfg.model.extend(bank, ["trajectory"])
+    candidates = known.loc[rank % cfg.subsampling.every == 0, [name for name in CANDIDATES.columns if name in known]]
     trajectories, count = [int(each) for each in bank["trajectory"].unique()], cfg.subsampling.initial_trials
     check_initial_trials(count, len(trajectories))
     rows = []

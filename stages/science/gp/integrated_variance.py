@@ -56,7 +56,7 @@ class TaskVariance:
         picks: list[int] = []
         own, along = np.empty((count, len(inputs))), np.empty((count, len(self._task)))
         taken = 0.0
-        for k in range(count):  # `across` stays: what earlier picks took from it, own[:k]' along[:k], is taken on the way
+        for k in range(count):  # `across` stays as it is: earlier picks took own[:k]' along[:k] from it
             gains = norms / (len(self._task) * (variance + self._noise))
             gains[picks] = -np.inf
             best = int(np.argmax(gains))

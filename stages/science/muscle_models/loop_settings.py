@@ -16,6 +16,7 @@ MOST_POINTS = 2000
 """Points of an exact GP, beyond which its covariance (8 N^2 bytes, 32 MB) and the N^3 / 3 operations of each of the
 thousands of steps in which hyperparameters are sought take a day for each trial of each arm."""
 
+Utility = Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "integrated_variance", "random"]
 Points = Annotated[int, Field(ge=1, le=MOST_POINTS)]
 
 
@@ -36,8 +37,8 @@ class DesignSettings(BaseModel):
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
-    utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]
-    subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance", "random"]
+    utility: Utility
+    subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance", "integrated_variance", "random"]
     trials: Annotated[int, Field(gt=0, le=MOST_POINTS)]
     initial_points: Points
     points_per_trial: Points
@@ -77,6 +78,11 @@ class LoopSettings(DesignSettings):
         ValueError
             When the bank has too few movements for all trials, or a trial too few samples for what is taken from it.
         """
+        if "integrated_variance" in (self.utility, self.subsample_utility):
+            raise ValueError(
+                f"{section}.loop.utility: expected a choice that asks for no task, got integrated_variance, which the "
+                f"main job alone has; set {section}.loop.utility=y_y and {section}.loop.subsample_utility=y_y"
+            )
         spare, initial = movements - self.initial_trials, self.initial_trials * samples
         if spare < (0 if self.reuse_trajectories else self.trials):
             raise ValueError(

@@ -12,7 +12,7 @@ import pandas as pd
 
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.marginal import MarginalGP, condition
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array, Scaling
+from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
 
 CONSTANT_MEAN = "constant_mean"
 
@@ -43,7 +43,7 @@ class MuscleSet:
             priors.append(_read_prior(rows))
             scalings.append(Scaling.of_muscle(scaling, name))
             samples = scalings[-1].inputs_of(candidates[candidates["muscle"] == name])
-            inputs.append(samples.reshape(len(trajectories), -1, len(MODEL_INPUTS)))
+            inputs.append(samples.reshape(len(trajectories), -1, samples.shape[1]))
         hyperparameters = list(hyperprior.loc[hyperprior["muscle"] == names[0], "hyperparameter"])
         return cls(names, hyperparameters, trajectories, scalings, priors, inputs)
 
@@ -56,10 +56,15 @@ class MuscleSet:
         """Return the positions of movements in the bank."""
         return [self.trajectories.index(each) for each in trajectories]
 
+    def inputs_of(self, samples: pd.DataFrame) -> list[Array]:
+        """Return each muscle's standardised inputs (N, D) from rows with a muscle column."""
+        muscles = zip(self.names, self.scalings, strict=True)
+        return [scaling.inputs_of(samples[samples["muscle"] == name]) for name, scaling in muscles]
+
     def standardise(self, samples: pd.DataFrame) -> tuple[list[Array], list[Array]]:
-        """Return each muscle's inputs (N, 3) and outputs (N,) from rows with a muscle column."""
+        """Return each muscle's inputs (N, D) and outputs (N,) from rows with a muscle column."""
         inputs, outputs = [], []
-        samples = samples[["muscle", *MODEL_INPUTS, MODEL_OUTPUT]]
+        samples = samples[["muscle", *self.scalings[0].inputs, MODEL_OUTPUT]]
         for name, constants in zip(self.names, self.scalings, strict=True):
             rows = samples[samples["muscle"] == name]
             inputs.append(constants.inputs_of(rows))

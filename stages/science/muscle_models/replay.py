@@ -17,7 +17,7 @@ from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.interaction import Design, Interaction
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import place_evenly
-from stages.science.signals.scaling import MODEL_INPUTS, Array
+from stages.science.signals.scaling import Array
 
 Draw = Callable[..., np.random.Generator]
 """Returns the generator of a key of names and numbers, always the same one for the same key."""
@@ -79,7 +79,7 @@ class Replay:
         times = np.unique(bank["time_s"].to_numpy())
         return cls(
             muscles,
-            tuple(each.reshape(count, -1, len(MODEL_INPUTS)) for each in inputs),
+            tuple(each.reshape(count, -1, each.shape[1]) for each in inputs),
             tuple(each.reshape(count, -1) for each in outputs),
             float(times[-1] - times[0]) / (times.size - 1),
         )

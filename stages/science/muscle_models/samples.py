@@ -6,9 +6,11 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
+from stages.science.muscle_models.inputs import FEATURE_COLUMNS
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
-TAKEN = ["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]
+TAKEN = ["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT, *FEATURE_COLUMNS]
+"""Columns of samples that are taken, the features of the past where the samples have them."""
 
 
 def place_evenly(count: int, samples: int) -> NDArray[np.intp]:
@@ -28,12 +30,13 @@ def keep_usable(executed: pd.DataFrame) -> pd.DataFrame:
 
 def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequence[str]) -> pd.DataFrame:
     """Return the picked samples of each muscle, in the order of picking."""
-    measured = samples[[name for name in TAKEN if name != "pick"]]
+    columns = [name for name in TAKEN if name == "pick" or name in samples]
+    measured = samples[[name for name in columns if name != "pick"]]
     frames = [
         measured[measured["muscle"] == name].iloc[at].assign(pick=range(len(at)))
         for name, at in zip(muscles, picks, strict=True)
     ]
-    return pd.concat(frames, ignore_index=True)[TAKEN]
+    return pd.concat(frames, ignore_index=True)[columns]
 
 
 def thin(executed: pd.DataFrame, every: int, trial: Sequence[str]) -> pd.DataFrame:

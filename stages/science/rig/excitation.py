@@ -6,17 +6,17 @@ the path of its own section in front.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, Any
+from typing import Annotated, Any, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, PositiveInt
+from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, PositiveInt, model_validator
 
 from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import MOST_ROWS, Rig, Watch, tidy
 from stages.science.rig.limits import Limits, ordered
-from stages.science.rig.trial import Proposal, Trial
+from stages.science.rig.trial import Manner, Proposal, Trial
 from stages.science.signals.trajectories import Array, pressure_profiles
 
 
@@ -64,12 +64,54 @@ class Pressure(Declared):
         )
 
 
+class MovementKind(Declared):
+    """A kind of free movement: how it differs from a natural one, and how many of a set are of it."""
+
+    share: float = Field(gt=0, le=1, description="share of the set's movements, 1")
+    range_ratio: float = Field(gt=0, le=1, description="range of postures over that of natural movements, 1")
+    duration_ratio: float = Field(ge=0.1, le=100, description="durations over those of natural movements, 1")
+    constant_pressure: bool = Field(description="whether pressures stay at their first level")
+    instruction: str = Field(min_length=1, description="what the experimenter is told")
+
+    @property
+    def manner(self) -> Manner:
+        """How the experimenter moves."""
+        return Manner(self.range_ratio, self.duration_ratio)
+
+
+NATURAL_KIND = MovementKind(
+    share=1.0, range_ratio=1.0, duration_ratio=1.0, constant_pressure=False, instruction="a natural movement"
+)
+
+
 class FreeMovements(Declared):
-    """A set of free movements to record."""
+    """A set of free movements to record, natural ones where no kinds are given."""
 
     seed: NonNegativeInt
     trajectories: PositiveInt
+    kinds: dict[str, MovementKind] | None
     pressure: Pressure
+
+    @model_validator(mode="after")
+    def _share_all(self) -> Self:
+        shares = sum(each.share for each in (self.kinds or {"natural": NATURAL_KIND}).values())
+        if abs(shares - 1.0) > 1e-9:
+            raise ValueError(f"kinds: expected shares that add up to 1, got {shares:.6g}; change one of them")
+        return self
+
+    def name_kind(self, trajectory: int) -> str:
+        """Return the kind of a movement: kinds alternate so that any first part of the set has their shares."""
+        shares = {name: each.share for name, each in (self.kinds or {"natural": NATURAL_KIND}).items()}
+        counts = dict.fromkeys(shares, 0)
+        name = ""
+        for position in range(trajectory + 1):
+            name = max(shares, key=lambda each: shares[each] * (position + 1) - counts[each])
+            counts[name] += 1
+        return name
+
+    def find_kind(self, trajectory: int) -> MovementKind:
+        """Return what the kind of a movement is."""
+        return (self.kinds or {"natural": NATURAL_KIND})[self.name_kind(trajectory)]
 
     def check_against(self, exoskeleton: Exoskeleton, path: str) -> None:
         """Check that the machine has these muscles, samples these levels and that memory holds its recordings.
@@ -108,8 +150,10 @@ class FreeMovements(Declared):
 
         Returned are its number, as ``trajectory``, and the columns of `RECORDING_COLUMNS` (M T,).
         """
-        command = self.pressure.draw(rig, generator)
-        trial = Trial("free", "experimenter", command, label=label, number=number, proposal=proposal)
+        kind, command = self.find_kind(trajectory), self.pressure.draw(rig, generator)
+        if kind.constant_pressure:
+            command = np.repeat(command[:1], len(command), axis=0)
+        trial = Trial("free", "experimenter", command, None, label, number, proposal, kind.manner)
         columns = tidy(rig.execute(trial, generator, watch), rig)
         return {"trajectory": np.full(len(columns["time_s"]), trajectory), **columns}
 

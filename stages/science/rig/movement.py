@@ -6,6 +6,7 @@ from pydantic import Field, PositiveFloat
 from stages.science.plant.declaration import Declared
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.limits import ordered
+from stages.science.rig.trial import NATURAL, Manner
 from stages.science.signals.trajectories import Array, reach_postures
 
 
@@ -22,16 +23,31 @@ class Movement(Declared):
     _rests = ordered("shortest_rest_s", "longest_rest_s", strictly=False)
 
 
-def move_freely(movement: Movement, exoskeleton: Exoskeleton, samples: int, generator: np.random.Generator) -> Array:
-    """Draw a natural movement of all joints, (samples, J), rad."""
+def move_freely(
+    movement: Movement,
+    exoskeleton: Exoskeleton,
+    samples: int,
+    generator: np.random.Generator,
+    manner: Manner = NATURAL,
+) -> Array:
+    """Draw a movement of all joints, (samples, J), rad: a natural one, or one in another manner.
+
+    A smaller one lies about a posture that is drawn within the natural range.
+    """
     lower, upper = np.array([(joint.lower_rad, joint.upper_rad) for joint in exoskeleton.joints]).T
     margin = 0.5 * (1.0 - movement.range_share) * (upper - lower)
+    low, high = lower + margin, upper - margin
+    if manner.range_ratio < 1.0:
+        half = 0.5 * manner.range_ratio * (high - low)
+        centre = generator.uniform(low + half, high - half)
+        low, high = centre - half, centre + half
+    longer = manner.duration_ratio
     return reach_postures(
         generator,
-        lower + margin,
-        upper - margin,
+        low,
+        high,
         samples,
         exoskeleton.sampling_rate_hz,
-        (movement.shortest_move_s, movement.longest_move_s),
-        (movement.shortest_rest_s, movement.longest_rest_s),
+        (longer * movement.shortest_move_s, longer * movement.longest_move_s),
+        (longer * movement.shortest_rest_s, longer * movement.longest_rest_s),
     )

@@ -216,7 +216,7 @@ class SimulatedRig(FillingRig):
         who = self.experimenter if trial.participant == "experimenter" else self.participants[trial.participant]
         shown = trial.reference_rad
         if shown is None:
-            shown = move_freely(self.movement, self.exoskeleton, self.samples, generator)
+            shown = move_freely(self.movement, self.exoskeleton, self.samples, generator, trial.manner)
         held = np.concatenate([np.repeat(shown[:1], self._lead_samples, axis=0), shown])
         intention = intend(who, self.exoskeleton, held, generator)
         person = embody(who, self.exoskeleton)

@@ -53,6 +53,17 @@ class Proposal:
     """Whether enough are left without it."""
 
 
+@dataclass(frozen=True)
+class Manner:
+    """How free movements differ from natural ones: their range and their durations over those of natural ones."""
+
+    range_ratio: float
+    duration_ratio: float
+
+
+NATURAL = Manner(1.0, 1.0)
+
+
 @dataclass(frozen=True, eq=False)
 class Trial:
     """One trial to execute.
@@ -74,6 +85,8 @@ class Trial:
         Which of its study's trials of this kind it is, from 0; None where nothing counts them.
     proposal : Proposal or None
         Why it is proposed; None where nobody is asked.
+    manner : Manner
+        How the experimenter moves in a free trial; a person is told in words, by the proposal.
     """
 
     kind: Literal["free", "tracked", "passive"]
@@ -83,6 +96,7 @@ class Trial:
     label: str = ""
     number: int | None = None
     proposal: Proposal | None = None
+    manner: Manner = NATURAL
 
     def __post_init__(self) -> None:
         if self.kind not in ("free", "tracked", "passive"):

@@ -15,8 +15,9 @@ MODEL_OUTPUT = "force_n"
 
 @dataclass(frozen=True)
 class Scaling:
-    """Centres and scales of a muscle: (D,) of pressure (kPa), contraction and its velocity (1/s), and of force (N)."""
+    """Centres and scales of a muscle: (D,) of the columns of its model's inputs, each in its unit, and of force, N."""
 
+    inputs: tuple[str, ...]
     input_centre: Array
     input_scale: Array
     force_centre_n: float
@@ -26,8 +27,9 @@ class Scaling:
     def of_muscle(cls, rows: pd.DataFrame, muscle: str) -> Scaling:
         """Read one muscle's constants from rows with columns muscle, quantity, centre and scale."""
         constants = rows[rows["muscle"] == muscle].set_index("quantity")[["centre", "scale"]]
-        inputs, output = constants.loc[list(MODEL_INPUTS)].to_numpy(), constants.loc[MODEL_OUTPUT].to_numpy()
-        return cls(inputs[:, 0].copy(), inputs[:, 1].copy(), float(output[0]), float(output[1]))
+        names = tuple(str(each) for each in constants.index if each != MODEL_OUTPUT)
+        inputs, output = constants.loc[list(names)].to_numpy(), constants.loc[MODEL_OUTPUT].to_numpy()
+        return cls(names, inputs[:, 0].copy(), inputs[:, 1].copy(), float(output[0]), float(output[1]))
 
     def inputs_of(self, samples: pd.DataFrame) -> Array:
         """Return the (N, D) standardised inputs of a muscle's samples.
@@ -35,10 +37,10 @@ class Scaling:
         They are C-contiguous, however the frame holds them: products of the same numbers in another layout differ in
         their last bits.
         """
-        return np.ascontiguousarray((samples[list(MODEL_INPUTS)].to_numpy() - self.input_centre) / self.input_scale)
+        return np.ascontiguousarray((samples[list(self.inputs)].to_numpy() - self.input_centre) / self.input_scale)
 
     def restore_inputs(self, standardised: Array) -> Array:
-        """Return (N, D) pressure (kPa), contraction (1) and contraction velocity (1/s)."""
+        """Return the (N, D) inputs, each in its unit."""
         return standardised * self.input_scale + self.input_centre
 
     def output_of(self, samples: pd.DataFrame) -> Array:

@@ -51,7 +51,7 @@ def test_the_mean_level_is_that_of_what_is_drawn(generator):
 
 
 def test_records_what_the_rig_returns_for_a_free_trial_of_the_experimenter():
-    movements = FreeMovements(seed=1, trajectories=3, pressure=make_pressure())
+    movements = FreeMovements(seed=1, trajectories=3, kinds=None, pressure=make_pressure())
     with configured() as rig:
         found = movements.record(2, rig, np.random.default_rng(7), "bank 2")
         generator = np.random.default_rng(7)
@@ -83,7 +83,8 @@ def test_records_what_the_rig_returns_for_a_free_trial_of_the_experimenter():
     ],
 )
 def test_what_does_not_fit_the_machine_is_refused_by_the_key_of_the_section(change, told):
-    movements = FreeMovements(**({"seed": 1, "trajectories": 12500, "pressure": make_pressure()} | change))
+    section = {"seed": 1, "trajectories": 12500, "kinds": None, "pressure": make_pressure()}
+    movements = FreeMovements(**(section | change))
     with pytest.raises(ValueError, match=f"^{re.escape(told)}$"):
         movements.check_against(configured().exoskeleton, "there")
 
@@ -124,7 +125,7 @@ def test_levels_end_at_the_rigs_limits_or_else_at_the_muscles():
 @pytest.mark.parametrize("machine", [configured().exoskeleton, other_machine([1, 3], 100.0, 1.0)])
 def test_machines_with_other_muscles_are_served(machine):
     ranges = dict.fromkeys(machine.muscle_names, RANGES["pam1"])
-    FreeMovements(seed=1, trajectories=40, pressure=make_pressure(ranges)).check_against(machine, "there")
+    FreeMovements(seed=1, trajectories=40, kinds=None, pressure=make_pressure(ranges)).check_against(machine, "there")
 
 
 def test_free_movements_span_the_share_of_each_joints_range_about_its_middle(generator):

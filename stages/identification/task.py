@@ -1,0 +1,155 @@
+"""What the models are wanted for: the inputs over which the interaction design is to make them sure.
+
+In: `candidates`, and the rig where the task is movements that are not in the bank. Out: `task` (inputs, without force)
+and `task_movements` (recordings, with force, which only the evaluation may read; empty where the task is the bank).
+"""
+
+from functools import partial
+from typing import Annotated, ClassVar, Literal, Self
+
+import pandas as pd
+from pydantic import Field, NonNegativeFloat, model_validator
+
+from pipeline.config import Section, Target, View
+from pipeline.context import Context
+from pipeline.errors import ConfigError
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.muscle_models.inputs import ModelSettings, describe_features
+from stages.science.muscle_models.samples import place_evenly
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.rig.attendance import until_kept
+from stages.science.rig.contract import MEASUREMENT_COLUMNS, RECORDING_COLUMNS, Rig
+from stages.science.rig.excitation import FreeMovements, RigWithLimits, check_levels
+from stages.science.rig.trial import Proposal
+from stages.science.signals.scaling import MODEL_INPUTS
+
+TASK = Table(
+    "task",
+    "A sample of a muscle that its model is wanted for, without force",
+    {
+        "sample": column(int, "of this muscle, from 0", low=0),
+        "muscle": MEASUREMENT_COLUMNS["muscle"],
+        **{name: MEASUREMENT_COLUMNS[name] for name in MODEL_INPUTS},
+        **describe_features(),
+    },
+    key=("muscle", "sample"),
+)
+TASK_MOVEMENTS = Table(
+    "task_movements",
+    "A sample of a muscle in a movement that the models are wanted for",
+    {"trajectory": column(int, "movement of the task", low=0), **RECORDING_COLUMNS},
+    key=("trajectory", "muscle", "time_s"),
+)
+
+
+class Bounds(Section):
+    """Lowest and highest pressure and contraction of the task's samples; None where they are not bounded."""
+
+    low_pressure_kpa: NonNegativeFloat | None
+    high_pressure_kpa: NonNegativeFloat | None
+    low_contraction: float | None
+    high_contraction: float | None
+
+    @property
+    def limits(self) -> dict[str, tuple[float | None, float | None]]:
+        """Bounds by column."""
+        return {
+            "pressure_kpa": (self.low_pressure_kpa, self.high_pressure_kpa),
+            "contraction": (self.low_contraction, self.high_contraction),
+        }
+
+
+class Task(FreeMovements):
+    """Config group ``task``: what the models are wanted for, and the movements that are recorded for it, if any."""
+
+    of: Literal["bank", "movements"]
+    samples: Annotated[int, Field(ge=1, le=5000)]
+    region: dict[str, Bounds]
+
+
+class LevelsWithinLimits(View):
+    """Every pressure level of the task's movements is one that the muscle may be commanded."""
+
+    task: Task
+    exoskeleton: Exoskeleton
+    rig: RigWithLimits
+
+    @model_validator(mode="after")
+    def _keep_limits(self) -> Self:
+        ranges = self.task.pressure.range_kpa
+        check_levels(ranges, self.exoskeleton, self.rig.limits, "task.pressure.range_kpa")
+        return self
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    checks: ClassVar = (LevelsWithinLimits,)
+
+    task: Task
+    model: ModelSettings
+    exoskeleton: Exoskeleton
+    rig: Target
+
+    @model_validator(mode="after")
+    def _fit_machine(self) -> Self:
+        self.task.check_against(self.exoskeleton, "task")
+        for muscle in self.task.region:
+            if muscle not in self.exoskeleton.muscle_names:
+                raise ValueError(f"task.region: expected muscles {', '.join(self.exoskeleton.muscle_names)}, got {muscle}")
+        return self
+
+
+@stage(TASK, TASK_MOVEMENTS, stream="task")
+def task(cfg: Config, candidates: pd.DataFrame, ctx: Context) -> dict[str, pd.DataFrame]:
+    """Gather the inputs that models are wanted for, from the bank or from movements recorded for it."""
+    recordings = record_task(cfg.task, ctx) if cfg.task.of == "movements" else None
+    known = candidates if recordings is None else cfg.model.extend(recordings, ["trajectory"])
+    return {
+        TASK.name: select_samples(known, cfg.task),
+        TASK_MOVEMENTS.name: pd.DataFrame(columns=list(TASK_MOVEMENTS.columns)) if recordings is None else recordings,
+    }
+
+
+def record_task(section: Task, ctx: Context) -> pd.DataFrame:
+    """Record the movements that models are wanted for, a part each."""
+    with ctx.device as rig, ctx.progress("movements", section.trajectories) as advance:
+        for trajectory in range(section.trajectories):
+            until_kept(partial(ctx.record.part, (trajectory,), partial(record_movement, section, trajectory, rig, ctx)))
+            advance(f"task {trajectory}")
+    return ctx.record.collect()[TASK_MOVEMENTS.name]
+
+
+def record_movement(section: Task, trajectory: int, rig: Rig, ctx: Context) -> dict[str, pd.DataFrame]:
+    """Record one movement of the task."""
+    reason = f"{section.find_kind(trajectory).instruction}, as the models are wanted for"
+    proposal = Proposal(trajectory + 1, section.trajectories, reason)
+    watch, label = ctx.record.watch((trajectory,)), f"task {trajectory}"
+    columns = section.record(trajectory, rig, ctx.generator(trajectory), label, watch, None, proposal)
+    return {TASK_MOVEMENTS.name: pd.DataFrame(columns)}
+
+
+def select_samples(known: pd.DataFrame, section: Task) -> pd.DataFrame:
+    """Return so many samples of each muscle, evenly spread over those within its region.
+
+    Raises
+    ------
+    ConfigError
+        When a muscle's region holds no sample.
+    """
+    frames = []
+    for muscle, rows in known.groupby("muscle", sort=False):
+        within = rows
+        bounds = section.region.get(str(muscle))
+        for name, (low, high) in (bounds.limits if bounds else {}).items():
+            within = within[(low is None or within[name] >= low) & (high is None or within[name] <= high)]
+        if within.empty:
+            raise ConfigError(
+                f"task.region.{muscle}: expected bounds that hold a sample of the task, got none of {len(rows)}; "
+                "widen them"
+            )
+        chosen = within.iloc[place_evenly(min(section.samples, len(within)), len(within))]
+        frames.append(chosen.assign(sample=range(len(chosen))))
+    told = pd.concat(frames, ignore_index=True)
+    return told[[name for name in TASK.columns if name in told]]

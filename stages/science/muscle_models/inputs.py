@@ -1,0 +1,153 @@
+"""What a muscle's model takes its force for a function of: measured signals, and features of their past.
+
+A section of the configuration and recordings flow in; recordings with a column for each feature flow out. All features
+are functions of motion and pressure, so that a bank supplies them without force. Every trial begins at rest: what was
+before it is not known.
+"""
+
+from collections.abc import Callable, Mapping, Sequence
+from typing import Annotated, Literal, NamedTuple, Self
+
+import numpy as np
+import pandas as pd
+import pandera.pandas as pa
+from pydantic import Field, PositiveFloat, model_validator
+
+from stages.science.plant.declaration import Declared
+from stages.science.plant.filters import lag
+from stages.science.plant.operators import follow_play
+from stages.science.signals.scaling import MODEL_INPUTS
+from stages.science.signals.trajectories import Array
+
+
+class InputConstants(Declared):
+    """Constants of the features."""
+
+    stop_width: PositiveFloat = Field(le=1, description="half the width of the play, of contraction, 1")
+    highpass_s: PositiveFloat = Field(le=3600, description="time constant of high-passes, s")
+    direction_per_s: PositiveFloat = Field(description="contraction velocity at which its direction has turned, 1/s")
+
+
+class Feature(NamedTuple):
+    """A model's input: its column in tables, its unit, a description, and how it follows from a trial's signals.
+
+    The signals are the columns of a muscle's recording by name, (T,) each, and the time between samples, s; there is
+    nothing to do for a measured one.
+    """
+
+    column: str
+    unit: str
+    description: str
+    follow: Callable[[Mapping[str, Array], float, InputConstants], Array] | None = None
+
+
+def _stop(signals: Mapping[str, Array], step_s: float, constants: InputConstants) -> Array:
+    contraction = signals["contraction"]
+    return np.asarray(contraction - follow_play(contraction[:, None], constants.stop_width)[:, 0])
+
+
+def _highpass(name: str) -> Callable[[Mapping[str, Array], float, InputConstants], Array]:
+    def follow(signals: Mapping[str, Array], step_s: float, constants: InputConstants) -> Array:
+        signal = signals[name]
+        return np.asarray(signal - lag(signal[:, None], constants.highpass_s, step_s)[:, 0])
+
+    return follow
+
+
+def _direction(signals: Mapping[str, Array], step_s: float, constants: InputConstants) -> Array:
+    return np.tanh(signals["contraction_velocity_per_s"] / constants.direction_per_s)
+
+
+def _pressure_rate(signals: Mapping[str, Array], step_s: float, constants: InputConstants) -> Array:
+    return np.gradient(signals["pressure_kpa"], step_s)
+
+
+PRESSURE, CONTRACTION, VELOCITY = MODEL_INPUTS
+FEATURES = {
+    "pressure": Feature(PRESSURE, "kPa", "measured pressure"),
+    "contraction": Feature(CONTRACTION, "1", "measured contraction"),
+    "contraction_velocity": Feature(VELOCITY, "1/s", "measured contraction velocity"),
+    "contraction_stop": Feature(
+        "contraction_stop", "1", "contraction less its play operator, which dry friction follows", _stop
+    ),
+    "contraction_highpass": Feature(
+        "contraction_highpass", "1", "contraction less its first-order lag, which creep follows", _highpass(CONTRACTION)
+    ),
+    "pressure_highpass": Feature(
+        "pressure_highpass_kpa", "kPa", "pressure less its first-order lag", _highpass(PRESSURE)
+    ),
+    "direction": Feature("direction", "1", "tanh of contraction velocity, which sliding friction follows", _direction),
+    "pressure_rate": Feature("pressure_rate_kpa_per_s", "kPa/s", "rate of pressure", _pressure_rate),
+}
+"""Inputs by name. The play operator and first-order lags are the generic memories of Brokate and Sprekels, Hysteresis
+and Phase Transitions (1996), and of linear viscoelasticity."""
+
+FEATURE_COLUMNS = tuple(each.column for each in FEATURES.values() if each.follow is not None)
+"""Columns that tables have where a model has these inputs."""
+
+
+def describe_features() -> dict[str, pa.Column]:
+    """Return the columns that tables of samples have beside the measured ones, where a model has these inputs."""
+    return {
+        each.column: pa.Column(float, required=False, description=each.description, metadata={"unit": each.unit})
+        for each in FEATURES.values()
+        if each.follow is not None
+    }
+
+
+Name = Literal[
+    "pressure",
+    "contraction",
+    "contraction_velocity",
+    "contraction_stop",
+    "contraction_highpass",
+    "pressure_highpass",
+    "direction",
+    "pressure_rate",
+]
+
+
+class ModelSettings(Declared):
+    """Config group ``model``."""
+
+    inputs: Annotated[list[Name], Field(min_length=1)]
+    constants: InputConstants
+
+    @model_validator(mode="after")
+    def _name_once(self) -> Self:
+        names = list(dict.fromkeys(self.inputs))
+        if names != self.inputs:
+            raise ValueError(f"inputs: expected each once, got {self.inputs}; set model.inputs=[{','.join(names)}]")
+        return self
+
+    @property
+    def features(self) -> list[Feature]:
+        """The inputs, in the order of the model's vector."""
+        return [FEATURES[name] for name in self.inputs]
+
+    def extend(self, recordings: pd.DataFrame, trial: Sequence[str]) -> pd.DataFrame:
+        """Return recordings with a column for each feature that is not measured.
+
+        Rows are those of `RECORDING_COLUMNS`, in the order of time in each trial, which the columns `trial` name, and
+        muscle.
+        """
+        asked = [each for each in self.features if each.follow is not None]
+        if not asked:
+            return recordings
+        told = {each.column: np.empty(len(recordings)) for each in asked}
+        for rows in recordings.groupby([*trial, "muscle"], sort=False).indices.values():
+            signals = {name: recordings[name].to_numpy()[rows] for name in ("time_s", *MODEL_INPUTS)}
+            step_s = float(np.median(np.diff(signals["time_s"])))
+            for each in asked:
+                assert each.follow is not None
+                told[each.column][rows] = each.follow(signals, step_s, self.constants)
+        return recordings.assign(**told)
+
+
+def refuse_features(model: ModelSettings, section: str) -> None:
+    """Raise a `ValueError` where a model has another input than those of the paper, which alone a section serves."""
+    if [each.column for each in model.features] != list(MODEL_INPUTS):
+        raise ValueError(
+            f"{section}: expected a model of pressure, contraction and contraction velocity, got inputs "
+            f"{', '.join(model.inputs)}; set model=paper"
+        )
