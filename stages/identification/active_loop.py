@@ -1,7 +1,7 @@
 """Algorithm 1: identify, choose the trajectory that tells most, execute it, take its best samples, identify again.
 
-In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings`, the rig, and
-`task` where a choice asks what models are wanted for.
+In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings`, `task`
+where a choice asks what models are wanted for, and the rig.
 Out, one part per trial: `trials` (what was chosen and why), `active_recordings` (what was measured), `models` (the MAP
 after each trial; trial 0 is the initial data's), `points` (the samples each model stands on) and `decisions` (of an
 operator, where one attended). Every arm starts from
@@ -218,7 +218,8 @@ def active_loop(
     loops: dict[str, tuple[Loop]] = {}
     for (participant, experiment), initial in experiments:
         executed = hardware_recordings.query("participant == @participant and experiment == @experiment")
-        start = spread_evenly(keep_usable(cfg.model.extend(executed, ["position"])), cfg.active_loop.initial_points, muscles.names)
+        known = keep_usable(cfg.model.extend(executed, ["position"]))
+        start = spread_evenly(known, cfg.active_loop.initial_points, muscles.names)
         used = [int(each) for each in initial["trajectory"]]
         most = cfg.active_loop.control_experiments
         for arm in arms if most is None or int(str(experiment)) <= most else arms[:1]:

@@ -1,7 +1,8 @@
 """Learning curves of every arm on measured forces, paired tests of the design against each control, and an advice.
 
 In: `bank` (a test set, with force), `hyperprior`, `scaling`, `models`, `points`, and `unseen_bank` and
-`task_movements` (further test sets) where there are some. Out: `learning_curve`, `learning_summary`, `final_errors`, `paired_comparison`, `recommendation`.
+`task_movements` (further test sets) where there are some. Out: `learning_curve`, `learning_summary`, `final_errors`,
+`paired_comparison`, `recommendation`.
 This stage only reads: it chooses and measures nothing.
 """
 

@@ -7,12 +7,13 @@ and `task_movements` (recordings, with force, which only the evaluation may read
 from functools import partial
 from typing import Annotated, ClassVar, Literal, Self
 
+import numpy as np
 import pandas as pd
 from pydantic import Field, NonNegativeFloat, model_validator
 
 from pipeline.config import Section, Target, View
 from pipeline.context import Context
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, suggest
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.muscle_models.inputs import ModelSettings, describe_features
@@ -97,7 +98,8 @@ class Config(Section):
         self.task.check_against(self.exoskeleton, "task")
         for muscle in self.task.region:
             if muscle not in self.exoskeleton.muscle_names:
-                raise ValueError(f"task.region: expected muscles {', '.join(self.exoskeleton.muscle_names)}, got {muscle}")
+                hint = suggest(muscle, self.exoskeleton.muscle_names)
+                raise ValueError(f"task.region: no muscle '{muscle}'; {hint}")
         return self
 
 
@@ -143,7 +145,7 @@ def select_samples(known: pd.DataFrame, section: Task) -> pd.DataFrame:
         within = rows
         bounds = section.region.get(str(muscle))
         for name, (low, high) in (bounds.limits if bounds else {}).items():
-            within = within[(low is None or within[name] >= low) & (high is None or within[name] <= high)]
+            within = within[within[name].between(-np.inf if low is None else low, np.inf if high is None else high)]
         if within.empty:
             raise ConfigError(
                 f"task.region.{muscle}: expected bounds that hold a sample of the task, got none of {len(rows)}; "

@@ -14,13 +14,13 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Annotated, Any
+from typing import Annotated, Any, ClassVar
 
 import numpy as np
 import pandas as pd
 from pydantic import Field, PositiveInt
 
-from pipeline.config import Section
+from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.errors import WiringError
 from pipeline.stage import stage
@@ -31,6 +31,7 @@ from stages.science.gp.marginal import MarginalGP, fit
 from stages.science.gp.sparse_fit import fit_sparse
 from stages.science.gp.sparse_model import SparseGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average, summarise_error_rates
+from stages.science.muscle_models.inputs import MeasuredInputs
 from stages.science.muscle_models.linear_muscle import LinearMuscleModel
 from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.signals.measures import error_rate
@@ -102,8 +103,16 @@ class Baselines(Section):
     starts: Annotated[int, Field(ge=0, le=1000)]
 
 
+class ModelServed(View):
+    """The design's model has the inputs that baselines take."""
+
+    model: MeasuredInputs
+
+
 class Config(Section):
     """What this stage reads."""
+
+    checks: ClassVar = (ModelServed,)
 
     baselines: Baselines
     seed: int

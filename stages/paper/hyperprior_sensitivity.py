@@ -22,6 +22,7 @@ from pipeline.table import Table, column
 from stages.science.figures.experiments import draw_sensitivity
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, ForceTest, average_muscles
+from stages.science.muscle_models.inputs import MeasuredInputs
 from stages.science.muscle_models.loop_settings import LoopSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.replay import Replay
@@ -146,6 +147,7 @@ class HyperpriorSensitivity(Section):
 class MovementsEnough(View):
     """The bank holds the movements of every trial."""
 
+    model: MeasuredInputs
     bank: Movements
     exoskeleton: Exoskeleton
     hyperprior_sensitivity: HyperpriorSensitivity

@@ -25,6 +25,7 @@ from pipeline.table import Table, column
 from stages.science.figures.learned_models import draw_force_surfaces, draw_frequent_references, draw_reliability
 from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES
+from stages.science.muscle_models.inputs import MeasuredInputs
 from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
@@ -176,6 +177,7 @@ class LearnedModels(Section):
 class SamplesLeft(View):
     """Thinning leaves more than one test sample of a movement."""
 
+    model: MeasuredInputs
     learned_models: LearnedModels
     exoskeleton: Exoskeleton
 

@@ -29,6 +29,7 @@ from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.sparse_interaction import SparseDesign, SparseInteraction
 from stages.science.muscle_models.cost import measure_cost
 from stages.science.muscle_models.description import describe_choice, describe_models
+from stages.science.muscle_models.inputs import MeasuredInputs
 from stages.science.muscle_models.loop_settings import Movements, refuse_repeats
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import thin
@@ -135,6 +136,7 @@ class SamplesEnough(View):
     """The bank holds a movement for every trial, trials hold the samples, and everything fits in memory."""
 
     bank: Movements
+    model: MeasuredInputs
     subsampling: Initial
     sparse_loop: SparseLoop
     exoskeleton: Exoskeleton

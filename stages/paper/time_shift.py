@@ -19,6 +19,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_shift_curves
 from stages.science.muscle_models.error_rates import ForceTest, average_muscles, summarise_error_rates
+from stages.science.muscle_models.inputs import MeasuredInputs
 from stages.science.muscle_models.loop_settings import LoopSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.replay import Replay
@@ -107,6 +108,7 @@ class TimeShift(Section):
 class TrialsEnough(View):
     """The bank holds the movements of every trial, and trials the shifts."""
 
+    model: MeasuredInputs
     bank: Movements
     exoskeleton: Exoskeleton
     time_shift: TimeShift

@@ -49,7 +49,16 @@ class TaskVariance:
         """
         inputs = check_points(inputs, self._lengths.size)
         check_count(count, len(inputs))
-        whitened = self._whiten(inputs)
+        return self._pick(inputs, self._whiten(inputs), count, displace)
+
+    def score(self, trajectories: Array, count: int) -> Array:
+        """Return what the best `count` rows of each of (R, T, D) trajectories take, (R,)."""
+        whitened = self._whiten(trajectories.reshape(-1, trajectories.shape[-1])).reshape(-1, *trajectories.shape[:2])
+        return np.array([self._pick(each, whitened[:, r], count)[1] for r, each in enumerate(trajectories)])
+
+    def _pick(
+        self, inputs: Array, whitened: Array, count: int, displace: Displace | None = None
+    ) -> tuple[NDArray[np.intp], float]:
         across = self._covariance(inputs, self._task) - whitened.T @ self._whitened_task
         variance = np.maximum(self._signal - np.square(whitened).sum(axis=0), 0.0)
         norms = np.einsum("tq,tq->t", across, across)
@@ -102,7 +111,6 @@ def reduce_task_variance(
     """
     scores = []
     for model, task, inputs in zip(models, tasks, candidates, strict=True):
-        variance = TaskVariance(model, task)
-        scores.append([variance.pick(each, count)[1] for each in inputs])
+        scores.append(TaskVariance(model, task).score(inputs, count))
     total: Array = np.sum(scores, axis=0)
     return total

@@ -11,7 +11,7 @@ from typing import Annotated, Literal, NamedTuple, Self
 import numpy as np
 import pandas as pd
 import pandera.pandas as pa
-from pydantic import Field, PositiveFloat, model_validator
+from pydantic import AfterValidator, Field, PositiveFloat, model_validator
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.filters import lag
@@ -144,10 +144,14 @@ class ModelSettings(Declared):
         return recordings.assign(**told)
 
 
-def refuse_features(model: ModelSettings, section: str) -> None:
-    """Raise a `ValueError` where a model has another input than those of the paper, which alone a section serves."""
+def _refuse_features(model: ModelSettings) -> ModelSettings:
     if [each.column for each in model.features] != list(MODEL_INPUTS):
         raise ValueError(
-            f"{section}: expected a model of pressure, contraction and contraction velocity, got inputs "
-            f"{', '.join(model.inputs)}; set model=paper"
+            "expected the inputs pressure, contraction, contraction_velocity, which the paper's analyses take, "
+            f"got {', '.join(model.inputs)}; set model=paper"
         )
+    return model
+
+
+MeasuredInputs = Annotated[ModelSettings, AfterValidator(_refuse_features)]
+"""A model of what is measured now, in the paper's order."""
