@@ -7,9 +7,8 @@ and `task_movements` (recordings, with force, which only the evaluation may read
 from functools import partial
 from typing import Annotated, ClassVar, Literal, Self
 
-import numpy as np
 import pandas as pd
-from pydantic import Field, NonNegativeFloat, model_validator
+from pydantic import Field, model_validator
 
 from pipeline.config import Section, Target, View
 from pipeline.context import Context
@@ -44,21 +43,11 @@ TASK_MOVEMENTS = Table(
 )
 
 
-class Bounds(Section):
-    """Lowest and highest pressure and contraction of the task's samples; None where they are not bounded."""
+class Interval(Section):
+    """Lowest and highest value of an input."""
 
-    low_pressure_kpa: NonNegativeFloat | None
-    high_pressure_kpa: NonNegativeFloat | None
-    low_contraction: float | None
-    high_contraction: float | None
-
-    @property
-    def limits(self) -> dict[str, tuple[float | None, float | None]]:
-        """Bounds by column."""
-        return {
-            "pressure_kpa": (self.low_pressure_kpa, self.high_pressure_kpa),
-            "contraction": (self.low_contraction, self.high_contraction),
-        }
+    low: float
+    high: float
 
 
 class Task(FreeMovements):
@@ -66,7 +55,7 @@ class Task(FreeMovements):
 
     of: Literal["bank", "movements"]
     samples: Annotated[int, Field(ge=1, le=5000)]
-    region: dict[str, Bounds]
+    region: dict[str, dict[str, Interval]]
 
 
 class LevelsWithinLimits(View):
@@ -96,10 +85,13 @@ class Config(Section):
     @model_validator(mode="after")
     def _fit_machine(self) -> Self:
         self.task.check_against(self.exoskeleton, "task")
-        for muscle in self.task.region:
-            if muscle not in self.exoskeleton.muscle_names:
-                hint = suggest(muscle, self.exoskeleton.muscle_names)
-                raise ValueError(f"task.region: no muscle '{muscle}'; {hint}")
+        muscles, inputs = self.exoskeleton.muscle_names, [each.column for each in self.model.features]
+        for muscle, bounds in self.task.region.items():
+            if muscle not in muscles:
+                raise ValueError(f"task.region: no muscle '{muscle}'; {suggest(muscle, muscles)}")
+            for name in bounds:
+                if name not in inputs:
+                    raise ValueError(f"task.region.{muscle}: the model has no input '{name}'; {suggest(name, inputs)}")
         return self
 
 
@@ -143,9 +135,8 @@ def select_samples(known: pd.DataFrame, section: Task) -> pd.DataFrame:
     frames = []
     for muscle, rows in known.groupby("muscle", sort=False):
         within = rows
-        bounds = section.region.get(str(muscle))
-        for name, (low, high) in (bounds.limits if bounds else {}).items():
-            within = within[within[name].between(-np.inf if low is None else low, np.inf if high is None else high)]
+        for name, bounds in section.region.get(str(muscle), {}).items():
+            within = within[within[name].between(bounds.low, bounds.high)]
         if within.empty:
             raise ConfigError(
                 f"task.region.{muscle}: expected bounds that hold a sample of the task, got none of {len(rows)}; "

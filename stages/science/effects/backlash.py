@@ -4,7 +4,7 @@ The contraction of the muscle follows that of the geometry by a play operator.
 """
 
 from stages.science.plant.effect import ChainEffect, Parameter, State, Values
-from stages.science.plant.operators import follow_play
+from stages.science.signals.operators import follow_play
 from stages.science.signals.trajectories import Array
 
 

@@ -13,7 +13,7 @@ import numpy as np
 from stages.science.effects import name_terms
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
 from stages.science.plant.muscle import pull_at_rest
-from stages.science.plant.operators import follow_bouc_wen, follow_play, follow_stops
+from stages.science.signals.operators import follow_bouc_wen, follow_play, follow_stops
 from stages.science.signals.trajectories import Array
 
 ELEMENTS = 4

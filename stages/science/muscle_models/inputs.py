@@ -11,17 +11,18 @@ from typing import Annotated, Literal, NamedTuple, Self
 import numpy as np
 import pandas as pd
 import pandera.pandas as pa
-from pydantic import AfterValidator, Field, PositiveFloat, model_validator
+from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, model_validator
 
-from stages.science.plant.declaration import Declared
-from stages.science.plant.filters import lag
-from stages.science.plant.operators import follow_play
+from stages.science.signals.histories import lag
+from stages.science.signals.operators import follow_play
 from stages.science.signals.scaling import MODEL_INPUTS
 from stages.science.signals.trajectories import Array
 
 
-class InputConstants(Declared):
+class InputConstants(BaseModel):
     """Constants of the features."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     stop_width: PositiveFloat = Field(le=1, description="half the width of the play, of contraction, 1")
     highpass_s: PositiveFloat = Field(le=3600, description="time constant of high-passes, s")
@@ -49,7 +50,7 @@ def _stop(signals: Mapping[str, Array], step_s: float, constants: InputConstants
 def _highpass(name: str) -> Callable[[Mapping[str, Array], float, InputConstants], Array]:
     def follow(signals: Mapping[str, Array], step_s: float, constants: InputConstants) -> Array:
         signal = signals[name]
-        return np.asarray(signal - lag(signal[:, None], constants.highpass_s, step_s)[:, 0])
+        return np.asarray(signal - lag(signal, constants.highpass_s, step_s))
 
     return follow
 
@@ -107,8 +108,10 @@ Name = Literal[
 ]
 
 
-class ModelSettings(Declared):
+class ModelSettings(BaseModel):
     """Config group ``model``."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     inputs: Annotated[list[Name], Field(min_length=1)]
     constants: InputConstants

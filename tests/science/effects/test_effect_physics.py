@@ -9,7 +9,7 @@ from stages.science.plant.actuator_path import predict_force, predict_pressure
 from stages.science.plant.effect import find_effect
 from stages.science.plant.filters import lag, shift
 from stages.science.plant.muscle import compute_tension
-from stages.science.plant.operators import follow_bouc_wen
+from stages.science.signals.operators import follow_bouc_wen
 from tests.science.plant.columns import STEP_S, begin, constants
 
 FULL = constants(1).full_force_n[0]

@@ -5,7 +5,15 @@ import pytest
 
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import tidy
-from stages.science.rig.excitation import Durations, FreeMovements, Pressure, Range, check_levels, check_ranges
+from stages.science.rig.excitation import (
+    Durations,
+    FreeMovements,
+    MovementKind,
+    Pressure,
+    Range,
+    check_levels,
+    check_ranges,
+)
 from stages.science.rig.limits import PressureLimit
 from stages.science.rig.movement import Movement, move_freely
 from stages.science.rig.trial import Trial
@@ -137,3 +145,42 @@ def test_free_movements_span_the_share_of_each_joints_range_about_its_middle(gen
         middle, width = (joint.lower_rad + joint.upper_rad) / 2.0, joint.upper_rad - joint.lower_rad
         assert np.abs(angle[:, column] - middle).max() <= width / 4.0
         assert np.ptp(angle[:, column]) > 0.45 * width
+
+
+def make_kinds(**kinds):
+    common = {"range_ratio": 1.0, "duration_ratio": 1.0, "constant_pressure": False, "instruction": "move"}
+    return {name: MovementKind(**(common | each)) for name, each in kinds.items()}
+
+
+def test_kinds_of_movement_differ_from_natural_ones_as_they_say():
+    kinds = make_kinds(
+        natural={"share": 0.25},
+        small={"share": 0.25, "range_ratio": 0.2},
+        slow={"share": 0.25, "duration_ratio": 20.0},
+        held={"share": 0.25, "constant_pressure": True},
+    )
+    movements = FreeMovements(seed=1, trajectories=16, kinds=kinds, pressure=make_pressure())
+    span, speed, swing = ({name: [] for name in kinds} for _ in range(3))
+    with configured() as rig:
+        for trajectory in range(16):
+            found = movements.record(trajectory, rig, np.random.default_rng(trajectory), "bank")
+            name = movements.name_kind(trajectory)
+            angle, command = (found[each].reshape(4, -1) for each in ("joint_angle_rad", "pressure_command_kpa"))
+            span[name].append(np.ptp(angle, axis=1).mean())
+            speed[name].append(np.abs(found["joint_velocity_rad_per_s"]).mean())
+            swing[name].append(np.ptp(command, axis=1).max())
+    assert {len(each) for each in span.values()} == {4}
+    assert np.mean(span["small"]) < 0.5 * np.mean(span["natural"])
+    assert np.mean(speed["slow"]) < 0.5 * np.mean(speed["natural"])
+    assert max(swing["held"]) < 0.05 * min(swing["natural"])
+
+
+def test_any_first_part_of_a_set_has_the_shares_of_its_kinds():
+    kinds = make_kinds(rare={"share": 0.1}, usual={"share": 0.6}, other={"share": 0.3})
+    movements = FreeMovements(seed=1, trajectories=100, kinds=kinds, pressure=make_pressure())
+    named = [movements.name_kind(each) for each in range(100)]
+    for name, kind in kinds.items():
+        counted = np.cumsum([each == name for each in named])
+        assert np.abs(counted - kind.share * np.arange(1, 101)).max() <= 1.0
+    with pytest.raises(ValueError, match=r"kinds: expected shares that add up to 1, got 0\.9"):
+        FreeMovements(seed=1, trajectories=3, kinds=make_kinds(a={"share": 0.9}), pressure=make_pressure())

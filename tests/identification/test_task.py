@@ -1,0 +1,97 @@
+"""What models are wanted for: its samples, and the design that serves it, in the tiny budget."""
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.errors import ConfigError
+from tests.studies import assert_refused, read_stages, run_stage
+
+CHAIN = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "comparison"]
+DESIGNED = [
+    "bank=mixed",
+    "model=memory",
+    "task=movements",
+    "active_loop.utility=integrated_variance",
+    "active_loop.subsample_utility=integrated_variance",
+    "active_loop.controls=[random]",
+]
+FEATURES = ["contraction_stop", "contraction_highpass"]
+
+
+@pytest.fixture(scope="module")
+def designed(tmp_path_factory):
+    """The tables of a designed study of a mixed bank, with its stages and a folder."""
+    study, stages = read_stages(CHAIN, *DESIGNED)
+    folder = tmp_path_factory.mktemp("designed")
+    tables = {}
+    for name in CHAIN:
+        tables.update(run_stage(study, stages[name], folder, tables))
+    return study, stages, tables
+
+
+def test_models_stand_on_features_of_the_past_and_are_tested_on_the_task(designed):
+    _, _, tables = designed
+    assert list(tables["points"].columns[-2:]) == list(tables["task"].columns[-2:]) == FEATURES
+    assert set(tables["hyperprior"]["hyperparameter"]) > {f"log_length_{name}" for name in FEATURES}
+    curve = tables["learning_curve"].groupby(["tested_on", "arm", "trial"])["error_rate"].mean()
+    for arm in ("integrated_variance", "random"):
+        assert curve["task", arm, 3] < 0.7 * curve["task", arm, 0]
+
+
+def test_the_task_is_spread_over_its_movements(designed):
+    _, _, tables = designed
+    task, movements = tables["task"], tables["task_movements"]
+    assert (task.groupby("muscle").size() == 400).all()
+    for muscle, rows in task.groupby("muscle"):
+        its = movements[movements["muscle"] == muscle]
+        assert set(rows["pressure_kpa"]) <= set(its["pressure_kpa"])
+        quantiles = (each["contraction"].quantile([0.1, 0.5, 0.9]) for each in (rows, its))
+        np.testing.assert_allclose(*quantiles, atol=0.01)
+
+
+def test_choices_are_the_same_with_every_force_but_the_trials_set_to_nan(designed, tmp_path):
+    study, stages, tables = designed
+    unread = ("bank", "task_movements")
+    blind = {name: each.assign(force_n=np.nan) if name in unread else each for name, each in tables.items()}
+    for name in CHAIN[1:3]:
+        blind.update(run_stage(study, stages[name], tmp_path, blind))
+    blind.update(run_stage(study, stages["active_loop"], tmp_path, blind))
+    for name in ("trials", "points", "models"):
+        pd.testing.assert_frame_equal(blind[name], tables[name], check_exact=True)
+
+
+def test_a_region_bounds_the_samples_and_an_empty_one_is_refused(designed, tmp_path):
+    _, _, tables = designed
+    lows, contraction = "+task.region.pam1.pressure_kpa={low: LOW,high: 999.0}", "{low: 0.0,high: 0.1}"
+    region = [lows.replace("LOW", "100.0"), f"+task.region.pam1.contraction={contraction}"]
+    study, stages = read_stages(["bank", "subsampling", "task"], *region)
+    found = run_stage(study, stages["task"], tmp_path / "some", tables)
+    pam1 = found["task"].query("muscle == 'pam1'")
+    assert pam1["pressure_kpa"].min() >= 100.0
+    assert pam1["contraction"].max() <= 0.1
+    assert found["task"].query("muscle == 'pam2'")["pressure_kpa"].min() < 100.0
+    assert found["task_movements"].empty
+    study, stages = read_stages(["bank", "subsampling", "task"], lows.replace("LOW", "900.0"))
+    with pytest.raises(ConfigError, match=r"task\.region\.pam1: expected bounds that hold a sample"):
+        run_stage(study, stages["task"], tmp_path / "none", tables)
+
+
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        (["+task.region.pam9={pressure_kpa: {low: 0.0,high: 1.0}}"], "task.region: no muscle 'pam9'; did you mean"),
+        (["+task.region.pam1={weight: {low: 0.0,high: 1.0}}"], "task.region.pam1: the model has no input 'weight'"),
+        (["task.trajectories=1000000000"], "task.trajectories: expected at most 12500 movements"),
+        (["model.inputs=[pressure,weight]"], "model.inputs.1: input should be"),
+    ],
+)  # fmt: skip
+def test_refuses(overrides, told):
+    assert_refused(CHAIN, told, *overrides)
+
+
+def test_a_choice_that_serves_a_task_asks_for_one(designed, tmp_path):
+    _, _, tables = designed
+    study, stages = read_stages([each for each in CHAIN if each != "task"], *DESIGNED[:2], *DESIGNED[3:])
+    with pytest.raises(ConfigError, match="integrated_variance asks for the stage task"):
+        run_stage(study, stages["active_loop"], tmp_path, {**tables, "task": None})

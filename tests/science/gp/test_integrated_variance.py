@@ -1,0 +1,91 @@
+"""What measurements take from the mean variance over a task, against models that are given them."""
+
+import numpy as np
+import pytest
+
+from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE, TaskVariance, reduce_task_variance
+from stages.science.gp.interaction import Design, Interaction
+from stages.science.gp.marginal import condition
+from tests.science.gp.data import make_data, make_prior
+
+
+@pytest.fixture
+def model(generator):
+    prior = make_prior()
+    return condition(*make_data(generator, 9), prior.draw(1, generator)[0], prior)
+
+
+@pytest.fixture
+def task(generator):
+    return generator.uniform(-1.5, 1.5, (40, 3))
+
+
+@pytest.fixture
+def trial(generator):
+    return np.cumsum(0.4 * generator.standard_normal((30, 3)), axis=0)
+
+
+def mean_variance(model, task, *rows):
+    """Mean of V over a task once a model is given rows, whose outputs do not matter."""
+    grown = model.grow(np.array(rows), np.zeros(len(rows))) if rows else model
+    return grown.predict(task)[1].mean()
+
+
+def test_the_mean_is_that_of_the_predicted_variance(model, task):
+    assert TaskVariance(model, task).mean == pytest.approx(mean_variance(model, task), rel=1e-12)
+
+
+def test_each_pick_is_the_one_after_which_a_grown_model_is_surest(model, task, trial):
+    picks, taken = TaskVariance(model, task).pick(trial, 5)
+    known = []
+    for pick in picks:
+        left = [mean_variance(model, task, *known, row) for row in trial]
+        left = [np.inf if any(row is each for each in known) else value for row, value in zip(trial, left, strict=True)]
+        assert left[pick] == pytest.approx(min(left), rel=1e-9)
+        known.append(trial[pick])
+    assert len(set(picks)) == 5
+    assert taken == pytest.approx(mean_variance(model, task) - mean_variance(model, task, *known), rel=1e-9)
+
+
+def test_a_displaced_pick_is_what_later_ones_are_given(model, task, trial):
+    picks, taken = TaskVariance(model, task).pick(trial, 3, lambda row, taken: (row + 7) % len(trial))
+    whole = mean_variance(model, task) - mean_variance(model, task, *trial[picks])
+    assert taken == pytest.approx(whole, rel=1e-9)
+
+
+def test_a_trajectory_scores_what_its_picks_take_added_over_muscles(model, task, generator):
+    other = condition(*make_data(generator, 12), make_prior().mean, make_prior())
+    banks = [generator.standard_normal((4, 20, 3)) for _ in range(2)]
+    expected = sum(
+        np.array([TaskVariance(each, task).pick(inputs, 3)[1] for inputs in bank])
+        for each, bank in zip((model, other), banks, strict=True)
+    )
+    scores = reduce_task_variance([model, other], [task, task], banks, 3)
+    np.testing.assert_allclose(scores, expected, rtol=1e-9)
+    assert np.ptp(scores) > 0.01 * scores.max()
+
+
+def test_the_loop_chooses_the_trajectory_and_takes_the_samples_that_serve_the_task(generator):
+    settings = {"reduce": "sum", "reuse_trajectories": False, "mean": "zero", "memory_mb": 64.0}
+    design = Design(INTEGRATED_VARIANCE, **settings, subsample_utility=INTEGRATED_VARIANCE, points_per_trial=2,
+                    log_det_every=1, starts=1)  # fmt: skip
+    near, far = np.zeros((20, 3)), np.full((20, 3), 6.0)
+    near, far = (each + 0.5 * generator.standard_normal((20, 3)) for each in (near, far))
+    bank = [np.stack([far, near])]
+    x, y = make_data(generator, 5)
+    begun = Interaction.begin(design, bank, [make_prior()], [x + 3.0], [y], [], [generator], [np.zeros((1, 3))])
+    choice = begun.ask(generator)
+    assert choice.trajectory == 1
+    told, (picks,) = begun.tell(1, [near], [near.sum(axis=1)], [generator])
+    assert list(picks) == list(TaskVariance(begun.models[0], np.zeros((1, 3))).pick(near, 2)[0])
+    assert told.tasks == begun.tasks
+    assert len(told.inputs[0]) == 7
+
+
+def test_a_task_without_inputs_of_another_shape_or_more_picks_than_samples_are_refused(model, task, trial):
+    with pytest.raises(ValueError, match="task: expected at least one input, got none"):
+        TaskVariance(model, np.empty((0, 3)))
+    with pytest.raises(ValueError, match=r"task: expected shape \(B, 3\)"):
+        TaskVariance(model, task[:, :2])
+    with pytest.raises(ValueError, match="count: expected between 0 and 30 picks, got 31"):
+        TaskVariance(model, task).pick(trial, 31)
