@@ -83,14 +83,16 @@ def propose_trial(
         rivals = [fit_rival(states, name, probability) for name, probability in chosen.items()]
         weighed = propose(states, rivals, cfg.discrepancy.search.largest_jitter)
     if weighed is not None:
-        written = {PROPOSED_TRIALS.name: list_trials(weighed), PROPOSED_SIGNALS.name: list_signals(weighed)}
+        written[PROPOSED_TRIALS.name] = list_trials(weighed)
+    if weighed is not None and weighed.gain >= given.least_gain:
+        written[PROPOSED_SIGNALS.name] = list_signals(weighed)
         ctx.figure(
             "proposed_trial",
             draw_proposed_trial(written[PROPOSED_SIGNALS.name], list(chosen)),
             f"The proposed trial ({weighed.spell(weighed.order[0])}) where rivals differ most: what drives the "
             "machine, what the first of them predicts, and by how much the others' predictions differ from it.",
         )
-    sentence = describe_proposal(chosen, weighed)
+    sentence = describe_proposal(chosen, weighed, given.least_gain)
     written[PROPOSAL.name] = pd.DataFrame({"proposal": [sentence]})
     return {
         each.name: written.get(each.name, pd.DataFrame(columns=list(each.columns))) for each in propose_trial.writes

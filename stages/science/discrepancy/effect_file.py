@@ -13,6 +13,8 @@ from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
 from stages.science.signals.histories import CHANGE, DISTANCE, RECENT
 
+DIGITS, WIDEST = 8, 120
+"""Significant digits of numbers in a file, and characters of its lines, as the project's own."""
 FAR = 5.0
 """Times the fitted size, and part, that its bounds are."""
 OF_MUSCLE = {
@@ -42,9 +44,7 @@ in the units of the recording. It has no cause yet: give it one, and a source.
 
 from collections.abc import Mapping
 
-import numpy as np
-
-from stages.science.plant.effect import {kinds}Parameter{state}
+{numpy}from stages.science.plant.effect import {kinds}Parameter{state}
 {histories}from stages.science.signals.trajectories import Array
 
 
@@ -115,7 +115,7 @@ def write_effect(name: str, described: Description, plant: Plant | RecordPlant) 
             used.append(told.partition("(")[0])
         signals.append(f"        {told},  # {each.name}")
     sizes = [weight * size for (_, weight), size in zip(sketch.terms, sketch.sizes, strict=True)]
-    terms = [f"{code} / {size!r}" for code, size in zip(sketch.code, sketch.sizes, strict=True)]
+    terms = [f"{code} / {_round(size)}" for code, size in zip(sketch.code, sketch.sizes, strict=True)]
     parts = [f'parameters["part_{k}"] * {term}' for k, term in enumerate(terms[1:], start=2)]
     unit, scale = (output.unit, 1.0) if element is None else ("1", element.know("output_scale"))
     size = f"size_{output.unit.lower()}" if element is None else "share"
@@ -129,6 +129,7 @@ def write_effect(name: str, described: Description, plant: Plant | RecordPlant) 
     site = "muscle" if output.channel == "force_n" else "pressure"
     imported = ", ".join(sorted(set(used)))
     return HEAD.format(
+        numpy="import numpy as np\n\n" if any("np." in line for line in (*signals, *terms)) else "",
         title=f"A formula of {', '.join(name_signal(each.name)[0] for each in inputs)}.",
         channel=words,
         element=output.element,
@@ -140,7 +141,7 @@ def write_effect(name: str, described: Description, plant: Plant | RecordPlant) 
         kind_seen="State" if element is None else "Bench",
         what=words if element is None else "answer, over its scale,",
         signals="\n".join(signals),
-        shape=" + ".join([terms[0], *parts]),
+        shape=_add([terms[0], *parts]),
         size=size,
         effect="ChainEffect" if element is None else "ElementEffect",
         name=name,
@@ -153,11 +154,23 @@ def write_effect(name: str, described: Description, plant: Plant | RecordPlant) 
 def _list_known(plant: ElementPlant) -> dict[str, str]:
     """Return what an effect of an element sees, in the recording's units, by name."""
     path = f"{plant.along} - {plant.against}" if plant.against else plant.along
-    way = f"{plant.know('along_middle')!r} + {plant.know('along_scale')!r} * bench.along"
+    way = f"{_round(plant.know('along_middle'))} + {_round(plant.know('along_scale'))} * bench.along"
     return {path: way, f"rate of {path}": "bench.rate", SESSION_TIME: "bench.session_s"}
 
 
 def _declare(name: str, unit: str, fitted: float, mean: float, description: str) -> str:
     spread = abs(fitted)
-    numbers = f"{-FAR * spread!r}, {FAR * spread!r}, {mean!r}, {spread!r}"
-    return f'        Parameter("{name}", "{unit}", {numbers}, "{description}", ({fitted!r},)),'
+    numbers = (_round(each) for each in (-FAR * spread, FAR * spread, mean, spread))
+    told = [f'"{name}"', f'"{unit}"', *numbers, f'"{description}"', f"({_round(fitted)},)"]
+    return "\n".join(["        Parameter(", *(f"            {each}," for each in told), "        ),"])
+
+
+def _add(terms: Sequence[str]) -> str:
+    line = " + ".join(terms)
+    if len(line) + len("    shape = ") <= WIDEST:
+        return line
+    return "\n".join(["(", f"        {terms[0]}", *(f"        + {each}" for each in terms[1:]), "    )"])
+
+
+def _round(value: float) -> str:
+    return repr(float(f"{value:.{DIGITS}g}"))

@@ -36,6 +36,7 @@ class ProposalSettings(Declared):
 
     rivals: int = Field(ge=2, le=6)
     least_probability: float = Field(gt=0.0, lt=0.5)
+    least_gain: float = Field(ge=0.0, lt=1.0)
     choice: Literal["evidence", "random"]
 
 
@@ -63,12 +64,17 @@ def choose_round(ranking: pd.DataFrame, named: pd.DataFrame) -> tuple[int, list[
 
 
 def choose_rivals(ranking: pd.DataFrame, alike: Sequence[str], most: int, least: float) -> dict[str, float]:
-    """Return the probabilities of the leading names of a round of the table `ranking`, at least `least` before scaling.
+    """Return the probabilities, scaled, of the leading names of a round of the table `ranking` that may be true.
 
-    First is the most probable, then those `alike`, which it does not exclude, then others by their probability and, of
-    equal ones, by the gap that they leave. Families without a name are no rivals: they predict nothing elsewhere.
+    First is the most probable, then those `alike`, which it does not exclude, then others that have a probability of
+    `least`, by it and, of equal ones, by the gap that they leave. Families without a name are no rivals, as they
+    predict nothing elsewhere: where one is likelier than every name, no name has a rival.
     """
-    rows = ranking[~ranking["name"].isin([UNKNOWN, STATIC_MAP, MEMORY]) & ~ranking["absorbed"]]
+    nameless = ranking["name"].isin([UNKNOWN, STATIC_MAP, MEMORY])
+    if ranking.loc[nameless, "probability"].max() > ranking.loc[~nameless, "probability"].max():
+        return {}
+    may_be = (ranking["probability"] >= least) | ranking["name"].isin(alike)
+    rows = ranking[~nameless & ~ranking["absorbed"] & may_be]
     order = rows.assign(
         likeness=[alike.index(name) if name in alike else len(alike) for name in rows["name"]],
         behind=rows["probability"] < rows["probability"].max(),
@@ -196,6 +202,11 @@ class Proposed:
     def expected_now(self) -> float:
         """Expected probability of the true rival, as `probability`, before any of these trials."""
         return sum(each.probability**2 for each in self.rivals)
+
+    @property
+    def gain(self) -> float:
+        """By how much the best of these trials raises the expected probability of the true rival."""
+        return float(self.probability[self.order[0]]) - self.expected_now
 
     @property
     def mean_evidence(self) -> Array:

@@ -382,10 +382,10 @@ def describe_bands(bands: Mapping[str, float]) -> str:
     return f"{text}: they are wider than need be." if bands["low"] > bands["level"] else f"{text}."
 
 
-def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None) -> str:
+def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None, least_gain: float) -> str:
     """Return which trial to record next, or why none is proposed; rivals have their present probabilities."""
     if len(rivals) < 2:
-        return "No further trial is proposed, as no two names are left to tell apart."
+        return "No further trial is proposed, as no two names are likely enough to be told apart."
     names = [_spell(each) if each != "none" else "nothing missing" for each in rivals]
     told = f"{', '.join(names[:-1])} and {names[-1]}"
     if weighed is None:
@@ -395,6 +395,11 @@ def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None) -> 
         )
     best = weighed.order[0]
     now, then = _sure(weighed.expected_now), _sure(float(weighed.probability[best]))
+    if weighed.gain < least_gain:
+        return (
+            f"No further trial is proposed: the best of these kinds ({weighed.spell(best)}) would leave {told} as they "
+            f"are, the true one with probability {now} before and {then} after it."
+        )
     evidence = f"expected evidence {weighed.mean_evidence[best]:.3g} nats"
     return (
         f"To tell {told} apart, record next: {weighed.spell(best)}. The true one of these has probability {now} now, "
@@ -457,7 +462,7 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
         )
     if effect["indistinguishable_from"]:
         like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
-        text += f" These data do not exclude {like}; what would tell them apart: {known.split_by}."
+        text += f" These data do not exclude {like}; what usually tells them apart: {known.split_by}."
     return text
 
 

@@ -1,9 +1,12 @@
 """An effect that is written from a formula is a module of the library, and does what the formula says."""
 
+import subprocess
+from pathlib import Path
 from types import SimpleNamespace
 
 import numpy as np
 import pytest
+from ruff import find_ruff_bin
 
 from stages.science.discrepancy.description import describe
 from stages.science.discrepancy.effect_file import choose_formula, write_effect
@@ -21,10 +24,15 @@ from tests.science.plant.columns import STEP_S, predict, rough
 from tests.science.plant.machines import read_plant
 
 RECORD_STEP_S = 0.02
+ROOT = Path(__file__).resolve().parents[3]
 
 
 def load(text):
-    """Return the one effect of a file, run as the library runs it."""
+    """Return the one effect of a file, run as the library runs it, once lint finds nothing in it."""
+    for check in (["check"], ["format", "--check"]):
+        command = [find_ruff_bin(), *check, "--config", str(ROOT / "pyproject.toml"), "--stdin-filename", "own.py", "-"]
+        checked = subprocess.run(command, input=text, capture_output=True, text=True)
+        assert checked.returncode == 0, checked.stdout + checked.stderr
     module = {}
     exec(compile(text, "own.py", "exec"), module)
     (effect,) = module["FORMS"]

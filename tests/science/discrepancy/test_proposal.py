@@ -22,6 +22,7 @@ from stages.science.discrepancy.proposal import (
     propose,
     weigh_rivals,
 )
+from stages.science.discrepancy.report_text import describe_proposal
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.recording.datasets import tabulate_session
 from tests.science.discrepancy.searches import DISCREPANCY, SETTINGS
@@ -188,6 +189,28 @@ def test_rivals_are_the_leading_names_of_the_least_sure_round():
     assert sum(chosen.values()) == pytest.approx(1.0)
     assert chosen["kink"] == pytest.approx(0.6 / 0.67)
     assert choose_round(ranking, named[:0]) == (1, [])
+    assert list(choose_rivals(ranking[ranking["round"] == number], [], 3, 0.04)) == ["kink", "bend"]
+
+
+@pytest.mark.parametrize(("nameless", "rivals"), [(0.55, {}), (0.3, {"kink": 0.75, "none": 0.25})])
+def test_where_a_family_without_a_name_leads_no_name_has_a_rival(nameless, rivals):
+    left = 1.0 - nameless
+    probabilities = {"static_map": nameless, "kink": 0.75 * left, "none": 0.25 * left, "bend": 1e-9}
+    rows = [(name, probability, 0.01, False) for name, probability in probabilities.items()]
+    ranking = pd.DataFrame(rows, columns=["name", "probability", "heldout_gap", "absorbed"])
+    assert choose_rivals(ranking, [], 3, 0.01) == pytest.approx(rivals)
+
+
+def test_a_trial_that_hardly_raises_the_probability_of_the_true_name_is_not_proposed(rivals):
+    state, both = rivals
+    weighed = propose([state], both, SETTINGS.largest_jitter)
+    told = {each.name: each.probability for each in both}
+    assert describe_proposal(told, weighed, 0.9 * weighed.gain).startswith("To tell ")
+    refused = describe_proposal(told, weighed, 1.1 * weighed.gain)
+    assert refused.startswith(
+        f"No further trial is proposed: the best of these kinds ({weighed.spell(weighed.order[0])})"
+    )
+    assert describe_proposal({"kink": 1.0}, None, 0.0).startswith("No further trial is proposed, as no two names")
 
 
 def test_proposed_trials_are_fitted_and_others_opened():
