@@ -313,7 +313,7 @@ class Experiment:
             tuple(outputs),
             tuple(models.loc[models["muscle"] == name, "value"].to_numpy() for name in names),
             frozenset(self.muscles.indices(used)),
-            tuple(
+            pseudo=tuple(
                 scaling.inputs_of(pseudo[pseudo["muscle"] == name])
                 for name, scaling in zip(names, self.muscles.scalings, strict=True)
             ),

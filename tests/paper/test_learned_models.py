@@ -278,7 +278,7 @@ def test_sections_span_the_bank_and_hold_the_third_input(study):
 
 def test_an_input_that_never_varied_gets_a_range_of_its_unit(generator):
     samples = make_tables(generator)["bank"].assign(contraction_velocity_per_s=0.0)
-    scaling = Scaling(np.array([100, 0.1, 0.0]), np.array([30, 0.05, 0.2]), 50.0, 15.0)
+    scaling = Scaling(MODEL_INPUTS, np.array([100, 0.1, 0.0]), np.array([30, 0.05, 0.2]), 50.0, 15.0)
     states = lay_grid(samples, ("pressure_kpa", "contraction_velocity_per_s"), 3, scaling)
     assert sorted(states["contraction_velocity_per_s"].unique()) == pytest.approx([-0.2, 0.0, 0.2])
     assert list(states.columns) == list(MODEL_INPUTS)

@@ -45,7 +45,7 @@ class SparseInteraction(Knowledge):
 
     Parameters
     ----------
-    design, candidates, priors, inputs, outputs, thetas, used
+    design, candidates, priors, inputs, outputs, thetas, used, tasks
         As in `Knowledge`.
     pseudo : tuple over M muscles of (K, D) float arrays
         Pseudo-inputs, standardised.
