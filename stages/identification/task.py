@@ -49,6 +49,12 @@ class Interval(Section):
     low: float
     high: float
 
+    @model_validator(mode="after")
+    def _order(self) -> Self:
+        if self.low > self.high:
+            raise ValueError(f"expected low <= high, got {self.low} and {self.high}; exchange them")
+        return self
+
 
 class Task(FreeMovements):
     """Config group ``task``: what the models are wanted for, and the movements that are recorded for it, if any."""

@@ -82,6 +82,7 @@ def test_a_region_bounds_the_samples_and_an_empty_one_is_refused(designed, tmp_p
     [
         (["+task.region.pam9={pressure_kpa: {low: 0.0,high: 1.0}}"], "task.region: no muscle 'pam9'; did you mean"),
         (["+task.region.pam1={weight: {low: 0.0,high: 1.0}}"], "task.region.pam1: the model has no input 'weight'"),
+        (["+task.region.pam1={pressure_kpa: {low: 9.0,high: 1.0}}"], "task.region.pam1.pressure_kpa: expected low"),
         (["task.trajectories=1000000000"], "task.trajectories: expected at most 12500 movements"),
         (["model.inputs=[pressure,weight]"], "model.inputs.1: input should be"),
     ],

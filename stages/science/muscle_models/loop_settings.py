@@ -78,11 +78,12 @@ class LoopSettings(DesignSettings):
         ValueError
             When the bank has too few movements for all trials, or a trial too few samples for what is taken from it.
         """
-        if "integrated_variance" in (self.utility, self.subsample_utility):
-            raise ValueError(
-                f"{section}.loop.utility: expected a choice that asks for no task, got integrated_variance, which the "
-                f"main job alone has; set {section}.loop.utility=y_y and {section}.loop.subsample_utility=y_y"
-            )
+        for key in ("utility", "subsample_utility"):
+            if getattr(self, key) == "integrated_variance":
+                raise ValueError(
+                    f"{section}.loop.{key}: expected a choice that asks for no task, got integrated_variance, which "
+                    f"the main job alone has; set {section}.loop.{key}=y_y"
+                )
         spare, initial = movements - self.initial_trials, self.initial_trials * samples
         if spare < (0 if self.reuse_trajectories else self.trials):
             raise ValueError(
