@@ -151,7 +151,7 @@ def comparison(
     muscles, arms = list(hyperprior["muscle"].unique()), list(models["arm"].unique())
     given = {"bank": bank, "unseen_bank": unseen_bank, "task": task_movements}
     tests = {
-        name: cfg.model.extend(each, ["trajectory"])
+        name: keep_wanted(cfg.model.extend(each, ["trajectory"]))
         for name, each in given.items()
         if each is not None and not each.empty
     }
@@ -188,6 +188,11 @@ def comparison(
     compared = pair_arms(common, arms, cfg.comparison.experiments)
     final = describe_final_errors(summary, list(tests), arms, muscles)
     return curve, summary, final, compared, recommend(compared, arms[0])
+
+
+def keep_wanted(samples: pd.DataFrame) -> pd.DataFrame:
+    """Return the samples that the task wants, where they say so, else all."""
+    return samples[samples["wanted"]] if "wanted" in samples else samples
 
 
 def measure_errors(

@@ -7,7 +7,9 @@ and `task_movements` (recordings, with force, which only the evaluation may read
 from functools import partial
 from typing import Annotated, ClassVar, Literal, Self
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from pipeline.config import Section, Target, View
@@ -38,7 +40,11 @@ TASK = Table(
 TASK_MOVEMENTS = Table(
     "task_movements",
     "A sample of a muscle in a movement that the models are wanted for",
-    {"trajectory": column(int, "movement of the task", low=0), **RECORDING_COLUMNS},
+    {
+        "trajectory": column(int, "movement of the task", low=0),
+        "wanted": column(bool, "whether the sample lies within the bounds of the task's region"),
+        **RECORDING_COLUMNS,
+    },
     key=("trajectory", "muscle", "time_s"),
 )
 
@@ -104,7 +110,7 @@ class Config(Section):
 @stage(TASK, TASK_MOVEMENTS, stream="task")
 def task(cfg: Config, candidates: pd.DataFrame, ctx: Context) -> dict[str, pd.DataFrame]:
     """Gather the inputs that models are wanted for, from the bank or from movements recorded for it."""
-    recordings = record_task(cfg.task, ctx) if cfg.task.of == "movements" else None
+    recordings = record_task(cfg, ctx) if cfg.task.of == "movements" else None
     known = candidates if recordings is None else cfg.model.extend(recordings, ["trajectory"])
     return {
         TASK.name: select_samples(known, cfg.task),
@@ -112,22 +118,35 @@ def task(cfg: Config, candidates: pd.DataFrame, ctx: Context) -> dict[str, pd.Da
     }
 
 
-def record_task(section: Task, ctx: Context) -> pd.DataFrame:
+def record_task(cfg: Config, ctx: Context) -> pd.DataFrame:
     """Record the movements that models are wanted for, a part each."""
+    section = cfg.task
     with ctx.device as rig, ctx.progress("movements", section.trajectories) as advance:
         for trajectory in range(section.trajectories):
-            until_kept(partial(ctx.record.part, (trajectory,), partial(record_movement, section, trajectory, rig, ctx)))
+            until_kept(partial(ctx.record.part, (trajectory,), partial(record_movement, cfg, trajectory, rig, ctx)))
             advance(f"task {trajectory}")
     return ctx.record.collect()[TASK_MOVEMENTS.name]
 
 
-def record_movement(section: Task, trajectory: int, rig: Rig, ctx: Context) -> dict[str, pd.DataFrame]:
+def record_movement(cfg: Config, trajectory: int, rig: Rig, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record one movement of the task."""
+    section = cfg.task
     reason = f"{section.find_kind(trajectory).instruction}, as the models are wanted for"
     proposal = Proposal(trajectory + 1, section.trajectories, reason)
     watch, label = ctx.record.watch((trajectory,)), f"task {trajectory}"
     columns = section.record(trajectory, rig, ctx.generator(trajectory), label, watch, None, proposal)
-    return {TASK_MOVEMENTS.name: pd.DataFrame(columns)}
+    recorded = pd.DataFrame(columns)
+    wanted = mark_wanted(cfg.model.extend(recorded, ["trajectory"]), section)
+    return {TASK_MOVEMENTS.name: recorded.assign(wanted=wanted)[list(TASK_MOVEMENTS.columns)]}
+
+
+def mark_wanted(known: pd.DataFrame, section: Task) -> NDArray[np.bool_]:
+    """Return which samples lie within the bounds of the task's region."""
+    wanted = np.ones(len(known), dtype=bool)
+    for muscle, bounds in section.region.items():
+        for name, each in bounds.items():
+            wanted &= ((known["muscle"] != muscle) | known[name].between(each.low, each.high)).to_numpy()
+    return wanted
 
 
 def select_samples(known: pd.DataFrame, section: Task) -> pd.DataFrame:
@@ -138,15 +157,17 @@ def select_samples(known: pd.DataFrame, section: Task) -> pd.DataFrame:
     ConfigError
         When a muscle's region holds no sample.
     """
-    frames = []
+    frames, wanted = [], mark_wanted(known, section)
     for muscle, rows in known.groupby("muscle", sort=False):
-        within = rows
-        for name, bounds in section.region.get(str(muscle), {}).items():
-            within = within[within[name].between(bounds.low, bounds.high)]
+        within = known[wanted & (known["muscle"] == muscle).to_numpy()]
         if within.empty:
+            ranges = [
+                f"{name} {rows[name].min():.3g} to {rows[name].max():.3g}" for name in section.region[str(muscle)]
+            ]
             raise ConfigError(
-                f"task.region.{muscle}: expected bounds that hold a sample of the task, got none of {len(rows)}; "
-                "widen them"
+                f"task.region.{muscle}: expected bounds that hold a sample of the task, which has "
+                f"{', '.join(ranges)}, got none of "
+                f"{len(rows)}; change them"
             )
         chosen = within.iloc[place_evenly(min(section.samples, len(within)), len(within))]
         frames.append(chosen.assign(sample=range(len(chosen))))

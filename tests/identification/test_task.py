@@ -72,6 +72,11 @@ def test_a_region_bounds_the_samples_and_an_empty_one_is_refused(designed, tmp_p
     assert pam1["contraction"].max() <= 0.1
     assert found["task"].query("muscle == 'pam2'")["pressure_kpa"].min() < 100.0
     assert found["task_movements"].empty
+    study, stages = read_stages(["bank", "subsampling", "task"], "task=movements", *region)
+    moved = run_stage(study, stages["task"], tmp_path / "moved", tables)["task_movements"]
+    bounded = (moved["pressure_kpa"] >= 100.0) & (moved["contraction"] <= 0.1) & (moved["contraction"] >= 0.0)
+    assert moved["wanted"].equals((moved["muscle"] != "pam1") | bounded)
+    assert 0 < moved["wanted"].sum() < len(moved)
     study, stages = read_stages(["bank", "subsampling", "task"], lows.replace("LOW", "900.0"))
     with pytest.raises(ConfigError, match=r"task\.region\.pam1: expected bounds that hold a sample"):
         run_stage(study, stages["task"], tmp_path / "none", tables)
@@ -96,3 +101,16 @@ def test_a_choice_that_serves_a_task_asks_for_one(designed, tmp_path):
     study, stages = read_stages([each for each in CHAIN if each != "task"], *DESIGNED[:2], *DESIGNED[3:])
     with pytest.raises(ConfigError, match="integrated_variance asks for the stage task"):
         run_stage(study, stages["active_loop"], tmp_path, {**tables, "task": None})
+
+
+def test_errors_on_the_task_are_of_its_region_alone(designed, tmp_path):
+    study, stages, tables = designed
+    moved = tables["task_movements"]
+    first = moved["trajectory"] == 0
+    given = {"region": moved.assign(wanted=first), "alone": moved[first], "all": moved}
+    curves = {}
+    for name, each in given.items():
+        told = run_stage(study, stages["comparison"], tmp_path / name, {**tables, "task_movements": each})
+        curves[name] = told["learning_curve"].query("tested_on == 'task'")["error_rate"].to_numpy()
+    np.testing.assert_array_equal(curves["region"], curves["alone"])
+    assert np.abs(curves["region"] - curves["all"]).max() > 1e-4
