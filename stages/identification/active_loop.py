@@ -1,7 +1,7 @@
 """Algorithm 1: identify, choose the trajectory that tells most, execute it, take its best samples, identify again.
 
-In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings`, `task`
-where a choice asks what models are wanted for, and the rig.
+In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings`, `task` (the
+inputs that models are wanted for) and the rig.
 Out, one part per trial: `trials` (what was chosen and why), `active_recordings` (what was measured), `models` (the MAP
 after each trial; trial 0 is the initial data's), `points` (the samples each model stands on) and `decisions` (of an
 operator, where one attended). Every arm starts from
@@ -24,7 +24,6 @@ from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.trial_commands import draw_chosen_trials
-from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE
 from stages.science.gp.interaction import Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.muscle_models.description import describe_choice, describe_models
@@ -204,8 +203,8 @@ def active_loop(
     hyperprior: pd.DataFrame,
     scaling: pd.DataFrame,
     hardware_recordings: pd.DataFrame,
+    task: pd.DataFrame,
     ctx: Context,
-    task: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Choose, execute and learn from one interaction after another, for every experiment and arm."""
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
@@ -213,7 +212,7 @@ def active_loop(
     arms = choose_arms(cfg.active_loop, rig.real)
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
     rig.check_bank(references, "trajectory")
-    tasks = read_task(task, muscles, cfg.active_loop, arms)
+    tasks = muscles.inputs_of(task)
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
     loops: dict[str, tuple[Loop]] = {}
     for (participant, experiment), initial in experiments:
@@ -239,18 +238,6 @@ def active_loop(
     groups = {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}
     ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, groups), caption)
     return tables
-
-
-def read_task(task: pd.DataFrame | None, muscles: MuscleSet, section: ActiveLoop, arms: Sequence[str]) -> list[Array]:
-    """Return the standardised inputs that models are wanted for, by muscle; none where no choice asks for them."""
-    if INTEGRATED_VARIANCE not in (*arms, section.subsample_utility):
-        return []
-    if task is None:
-        raise ConfigError(
-            f"active_loop.utility: {INTEGRATED_VARIANCE} asks for the stage task, which says what models are wanted "
-            "for; add it to workflow.stages, or choose another"
-        )
-    return muscles.inputs_of(task)
 
 
 def check_budget(section: ActiveLoop, movements: int, initial: int) -> None:

@@ -4,7 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.errors import ConfigError
+from pipeline.errors import ConfigError, WiringError
 from tests.studies import assert_refused, read_stages, run_stage
 
 CHAIN = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "comparison"]
@@ -96,11 +96,9 @@ def test_refuses(overrides, told):
     assert_refused(CHAIN, told, *overrides)
 
 
-def test_a_choice_that_serves_a_task_asks_for_one(designed, tmp_path):
-    _, _, tables = designed
-    study, stages = read_stages([each for each in CHAIN if each != "task"], *DESIGNED[:2], *DESIGNED[3:])
-    with pytest.raises(ConfigError, match="integrated_variance asks for the stage task"):
-        run_stage(study, stages["active_loop"], tmp_path, {**tables, "task": None})
+def test_a_loop_without_what_models_are_wanted_for_is_refused_before_anything_is_measured():
+    with pytest.raises(WiringError, match="stage active_loop reads table task, which no stage of this workflow writes"):
+        read_stages([each for each in CHAIN if each != "task"], *DESIGNED[:2])
 
 
 def test_errors_on_the_task_are_of_its_region_alone(designed, tmp_path):
