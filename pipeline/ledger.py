@@ -24,7 +24,7 @@ from pipeline.command import command_line
 from pipeline.files import hash_file, write_json
 from pipeline.renames import update_facts
 
-FORMAT = 2
+FORMAT = 3
 FILE_NAME = "run.json"
 
 
@@ -55,7 +55,7 @@ class StageRecord(TypedDict):
 class RunFacts(TypedDict):
     """What is relied on of run.json."""
 
-    format: Literal[1, 2]
+    format: Literal[1, 2, 3]
     status: Literal["running", "done", "failed", "interrupted", "paused", "killed"]
     sequence: int
     identity: str

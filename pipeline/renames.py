@@ -17,14 +17,16 @@ from pipeline.files import CONFIG_FOLDER, hash_json
 def update_facts(facts: Mapping[str, Any], form: int) -> dict[str, Any]:
     """Return a ledger's facts of an older format with today's names and format.
 
-    A measured stage's record gets the fingerprint of its configuration under today's names, and says under which one
-    the parts of its loop lie (``parts``).
+    A measured stage's record gets the fingerprint of its configuration under today's names, with the keys that are new
+    at the values that do what was done before, and says under which one the parts of its loop lie (``parts``).
     """
-    stages = {name: {**record, "config": rename(record["config"])} for name, record in facts["stages"].items()}
+    stages = {
+        name: {**record, "config": complete(name, rename(record["config"]))} for name, record in facts["stages"].items()
+    }
     for name, before in facts["stages"].items():
         if before.get("measured") and stages[name]["config"] != before["config"]:
             fingerprint = hash_json({"config": stages[name]["config"], "inputs": before["inputs"]})
-            stages[name].update(fingerprint=fingerprint, parts=before["fingerprint"])
+            stages[name].update(fingerprint=fingerprint, parts=before.get("parts", before["fingerprint"]))
     return {**facts, "format": form, "stages": stages}
 
 
@@ -44,6 +46,14 @@ def rename(values: Any, path: str = "") -> Any:
     return renamed
 
 
+def complete(stage: str, config: dict[str, Any]) -> dict[str, Any]:
+    """Return a stage's configuration with the keys that are new since, at the values that do what was done before."""
+    added: dict[str, Any] = _read_names()["added"].get(stage, {})
+    for section, values in added.items():
+        config = {**config, section: {**values, **config.get(section, {})}}
+    return config
+
+
 def find_today(kind: Literal["targets", "keys", "options", "names"], name: str) -> str | None:
     """Return today's name of what was renamed, or None; the longest beginning that was renamed decides.
 
@@ -52,10 +62,10 @@ def find_today(kind: Literal["targets", "keys", "options", "names"], name: str) 
     """
     names = _read_names()[kind]
     before = max((each for each in names if f"{name}.".startswith(f"{each}.")), key=len, default=None)
-    return None if before is None else names[before] + name.removeprefix(before)
+    return None if before is None else str(names[before]) + name.removeprefix(before)
 
 
 @cache
-def _read_names() -> dict[str, dict[str, str]]:
-    """Return today's name by the old one, for each kind of name."""
+def _read_names() -> dict[str, dict[str, Any]]:
+    """Return today's name by the old one, for each kind of name, and under ``added`` what is new in each stage."""
     return dict(yaml.safe_load((CONFIG_FOLDER / "renames.yaml").read_text(encoding="utf-8")))

@@ -1,7 +1,7 @@
 """Algorithm 1: identify, choose the trajectory that tells most, execute it, take its best samples, identify again.
 
 In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scaling`, `hardware_recordings`, `task` (the
-inputs that models are wanted for) and the rig.
+inputs that models are wanted for) where a choice asks for it, and the rig.
 Out, one part per trial: `trials` (what was chosen and why), `active_recordings` (what was measured), `models` (the MAP
 after each trial; trial 0 is the initial data's), `points` (the samples each model stands on) and `decisions` (of an
 operator, where one attended). Every arm starts from
@@ -140,6 +140,31 @@ class Thinning(View):
     initial_trials: int
 
 
+class StagesListed(View):
+    """Which stages there are."""
+
+    stages: list[str]
+
+
+class TaskKnown(View):
+    """Choices that serve a task have one."""
+
+    active_loop: ActiveLoop
+    workflow: StagesListed
+
+    @model_validator(mode="after")
+    def _find_task(self) -> Self:
+        section = self.active_loop
+        asked = section.utility, section.subsample_utility, *(section.controls or [])
+        if "integrated_variance" in asked and "task" not in self.workflow.stages:
+            raise ValueError(
+                "active_loop.utility: integrated_variance asks for the stage task, which says what models are wanted "
+                "for, and this workflow has none; begin with experiment=designed, or set active_loop.utility and "
+                "active_loop.subsample_utility to y_y"
+            )
+        return self
+
+
 class TrialsFit(View):
     """The bank holds a movement for every trial, trials the samples that models take, and memory all recordings."""
 
@@ -186,7 +211,7 @@ class TrialsFit(View):
 class Config(Section):
     """What this stage reads."""
 
-    checks: ClassVar = (TrialsFit,)
+    checks: ClassVar = (TrialsFit, TaskKnown)
 
     active_loop: ActiveLoop
     model: ModelSettings
@@ -203,8 +228,8 @@ def active_loop(
     hyperprior: pd.DataFrame,
     scaling: pd.DataFrame,
     hardware_recordings: pd.DataFrame,
-    task: pd.DataFrame,
     ctx: Context,
+    task: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Choose, execute and learn from one interaction after another, for every experiment and arm."""
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
@@ -212,7 +237,7 @@ def active_loop(
     arms = choose_arms(cfg.active_loop, rig.real)
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
     rig.check_bank(references, "trajectory")
-    tasks = muscles.inputs_of(task)
+    tasks = [] if task is None else muscles.inputs_of(task)
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
     loops: dict[str, tuple[Loop]] = {}
     for (participant, experiment), initial in experiments:

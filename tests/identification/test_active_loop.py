@@ -12,12 +12,12 @@ from tests.conftest import TINY, Command
 from tests.faults import find_parts, tables_of, wait_until
 from tests.studies import read_stages, run_stage
 
-BEFORE = ["bank", "subsampling", "hyperprior", "task", "hardware"]
+BEFORE = ["bank", "subsampling", "hyperprior", "hardware"]
 STAGES = [*BEFORE, "active_loop", "comparison", "participant_differences", "tracking_delay"]
 TABLES = """
 bank candidates references initial_trials hyperprior scaling hardware_recordings protocol_recordings executed_by
 trials active_recordings models points decisions learning_curve learning_summary final_errors paired_comparison
-participant_comparison tracking_delays recommendation task task_movements
+participant_comparison tracking_delays recommendation
 """
 
 

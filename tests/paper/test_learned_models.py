@@ -32,7 +32,7 @@ from tests.planted import assert_holm
 from tests.science.muscle_models.data import draw, make_tables
 from tests.studies import PickledContext, read_stages, run_alone, run_stage
 
-FIRST = ["bank", "unseen_bank", "subsampling", "hyperprior", "task", "hardware", "active_loop"]
+FIRST = ["bank", "unseen_bank", "subsampling", "hyperprior", "hardware", "active_loop"]
 STAGES = [*FIRST, "learned_models"]
 SMALL = ("experiment=paper", "active_loop.controls=[random]", "learned_models.reliability.every=50")
 MUSCLES = ["pam1", "pam2", "pam3", "pam4"]

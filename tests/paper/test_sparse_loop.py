@@ -19,7 +19,7 @@ from stages.science.signals.measures import error_rate
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 from tests.studies import read_stages, run_stage
 
-BEFORE = ["bank", "subsampling", "hyperprior", "task", "hardware"]
+BEFORE = ["bank", "subsampling", "hyperprior", "hardware"]
 STAGES = [*BEFORE, "active_loop", "comparison", "sparse_loop", "sparse_comparison"]
 SETTINGS = (
     "+sparse_loop=default",

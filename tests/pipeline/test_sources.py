@@ -24,7 +24,7 @@ SILVERBOX = (*GAP, "plant=silverbox", "measurement=silverbox")
 SEARCHING = {"locate_gap", "name_effect", "amend_model", "explain_remainder", "verify_gap", "propose_trial"}
 KEEPING = "/stages/science/compilation/"
 """What keeps compiled functions changes no result."""
-DRIVING = {"bank", "unseen_bank", "task", "hardware", "active_loop", "sparse_loop"}
+DRIVING = {"bank", "unseen_bank", "hardware", "active_loop", "sparse_loop"}
 
 
 def list_stale(monkeypatch, file, overrides):

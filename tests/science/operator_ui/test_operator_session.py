@@ -21,7 +21,7 @@ from tests.science.operator_ui.attended import Study, make_session, make_trial, 
 
 SMALL = shlex.split("""
 budget=tiny figures=[] bank.trajectories=5 subsampling.initial_trials=1 active_loop.trials=2 active_loop.controls=[]
-stages=[bank,subsampling,hyperprior,task,hardware,active_loop]
+stages=[bank,subsampling,hyperprior,hardware,active_loop]
 operator_ui=terminal operator_ui.countdown_s=0.0 operator_ui.result_s=0.0
 """)
 FIRST = "p1 experiment 1 y_y trial 1"
