@@ -116,6 +116,10 @@ class Table:
             raise TableError(f"table {self.name} ({where}): row {row} repeats the key ({values})")
         return checked
 
+    def select(self, frame: pd.DataFrame) -> pd.DataFrame:
+        """Return the columns of a frame that the contract has, in its order."""
+        return frame[[name for name in self.columns if name in frame.columns]]
+
     def write(self, frame: pd.DataFrame, path: Path) -> None:
         """Check `frame` and write it to `path` atomically; when it is refused, `path` is as it was."""
         checked = self.check(frame, "on write")

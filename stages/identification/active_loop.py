@@ -369,7 +369,7 @@ class Loop:
             TRIALS.name: self.label(pd.DataFrame([{**described, "surprise": surprise}]), trial),
             ACTIVE_RECORDINGS.name: self.label(samples, trial),
             MODELS.name: pd.concat(models, ignore_index=True),
-            POINTS.name: pd.concat(points, ignore_index=True)[[name for name in POINTS.columns if name in points[0]]],
+            POINTS.name: POINTS.select(pd.concat(points, ignore_index=True)),
         }
         if rig.attendance is not None:
             decision = attempt, described["trajectory"], "keep", rig.attendance.note, ""

@@ -109,8 +109,7 @@ class Config(Section):
 def subsampling(cfg: Config, bank: pd.DataFrame, ctx: Context) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """Thin the bank to candidates without force and draw each experiment's initial trials."""
     rank = bank.groupby(["trajectory", "muscle"], sort=False).cumcount()
-    known = cfg.model.extend(bank, ["trajectory"])
-    candidates = known.loc[rank % cfg.subsampling.every == 0, [name for name in CANDIDATES.columns if name in known]]
+    candidates = CANDIDATES.select(cfg.model.extend(bank, ["trajectory"])[rank % cfg.subsampling.every == 0])
     trajectories, count = [int(each) for each in bank["trajectory"].unique()], cfg.subsampling.initial_trials
     check_initial_trials(count, len(trajectories))
     rows = []

@@ -171,5 +171,4 @@ def select_samples(known: pd.DataFrame, section: Task) -> pd.DataFrame:
             )
         chosen = within.iloc[place_evenly(min(section.samples, len(within)), len(within))]
         frames.append(chosen.assign(sample=range(len(chosen))))
-    told = pd.concat(frames, ignore_index=True)
-    return told[[name for name in TASK.columns if name in told]]
+    return TASK.select(pd.concat(frames, ignore_index=True))

@@ -348,3 +348,18 @@ def test_read_refuses_truncated_foreign_and_absent_files(tmp_path):
     FEW.drop(columns="force_n").to_parquet(path)
     with pytest.raises(TableError, match="lacks force_n"):
         FORCES.read(path)
+
+
+def test_an_optional_column_may_be_absent_as_a_whole_and_is_checked_where_it_is_there(tmp_path):
+    table = Table(
+        "t", "a table", {"a": column(int, "a"), "b": column(float, "b", low=0, optional=True), "c": column(int, "c")}
+    )
+    for frame in (pd.DataFrame({"a": [1], "c": [2]}), pd.DataFrame({"a": [1], "b": [0.5], "c": [2]})):
+        table.write(frame, tmp_path / "t.parquet")
+        pd.testing.assert_frame_equal(table.read(tmp_path / "t.parquet"), frame)
+        pd.testing.assert_frame_equal(table.select(frame.assign(d=0)[["c", "d", *frame.columns[:-1]]]), frame)
+    for bad in (-1.0, np.nan):
+        with pytest.raises(TableError, match="column b"):
+            table.check(pd.DataFrame({"a": [1], "b": [bad], "c": [2]}), "here")
+    with pytest.raises(TableError, match="lacks c; expected columns a, b, c"):
+        table.check(pd.DataFrame({"a": [1]}), "here")

@@ -83,9 +83,6 @@ FEATURES = {
 """Inputs by name. The play operator and first-order lags are the generic memories of Brokate and Sprekels, Hysteresis
 and Phase Transitions (1996), and of linear viscoelasticity."""
 
-FEATURE_COLUMNS = tuple(each.column for each in FEATURES.values() if each.follow is not None)
-"""Columns that tables have where a model has these inputs."""
-
 
 def describe_features() -> dict[str, pa.Column]:
     """Return the columns that tables of samples have beside the measured ones, where a model has these inputs."""
@@ -95,6 +92,9 @@ def describe_features() -> dict[str, pa.Column]:
         if each.follow is not None
     }
 
+
+FEATURE_COLUMNS = tuple(describe_features())
+"""Columns that tables have where a model has these inputs."""
 
 Name = Literal[
     "pressure",

@@ -94,14 +94,19 @@ class FreeMovements(Declared):
 
     @model_validator(mode="after")
     def _share_all(self) -> Self:
-        shares = sum(each.share for each in (self.kinds or {"natural": NATURAL_KIND}).values())
+        shares = sum(each.share for each in self.all_kinds.values())
         if abs(shares - 1.0) > 1e-9:
             raise ValueError(f"kinds: expected shares that add up to 1, got {shares:.6g}; change one of them")
         return self
 
+    @property
+    def all_kinds(self) -> Mapping[str, MovementKind]:
+        """The kinds by name, natural movements where none are given."""
+        return self.kinds or {"natural": NATURAL_KIND}
+
     def name_kind(self, trajectory: int) -> str:
         """Return the kind of a movement: kinds alternate so that any first part of the set has their shares."""
-        shares = {name: each.share for name, each in (self.kinds or {"natural": NATURAL_KIND}).items()}
+        shares = {name: each.share for name, each in self.all_kinds.items()}
         counts = dict.fromkeys(shares, 0)
         name = ""
         for position in range(trajectory + 1):
@@ -111,7 +116,7 @@ class FreeMovements(Declared):
 
     def find_kind(self, trajectory: int) -> MovementKind:
         """Return what the kind of a movement is."""
-        return (self.kinds or {"natural": NATURAL_KIND})[self.name_kind(trajectory)]
+        return self.all_kinds[self.name_kind(trajectory)]
 
     def check_against(self, exoskeleton: Exoskeleton, path: str) -> None:
         """Check that the machine has these muscles, samples these levels and that memory holds its recordings.
