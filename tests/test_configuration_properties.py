@@ -100,7 +100,7 @@ SMALL = {
     "active_loop.points_per_trial": st.sampled_from([1, 2, 20]),
     "active_loop.reduce": st.sampled_from(["sum", "max"]),
     "active_loop.reuse_trajectories": st.booleans(),
-    "active_loop.log_det_every": st.sampled_from([1, 2, 10]),
+    "active_loop.joint_every": st.sampled_from([1, 2, 10]),
     "active_loop.starts": st.integers(0, 2),
     "active_loop.memory_mb": st.sampled_from([1e-6, 64.0, 1e6]),
     "exoskeleton.trial_s": st.sampled_from([0.25, 0.3, 1.0]),

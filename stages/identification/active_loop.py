@@ -4,30 +4,32 @@ In: `candidates` (no force), `references`, `initial_trials`, `hyperprior`, `scal
 inputs that models are wanted for) where a choice asks for it, and the rig.
 Out, one part per trial: `trials` (what was chosen and why), `active_recordings` (what was measured), `models` (the MAP
 after each trial; trial 0 is the initial data's), `points` (the samples each model stands on) and `decisions` (of an
-operator, where one attended). Every arm starts from
-the same initial data; controls differ from the design in how they choose trajectories and in nothing else.
+operator, where one attended). Every arm starts from the same initial data; controls differ from the design in how they
+choose trajectories and in nothing else.
 """
 
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
 from itertools import count
-from typing import Any, ClassVar, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import PositiveInt, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
 
 from pipeline.config import Section, Target, View
 from pipeline.context import Context
 from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.figures.expected_errors import draw_expected_errors
 from stages.science.figures.trial_commands import draw_chosen_trials
 from stages.science.gp.interaction import Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.muscle_models.description import describe_choice, describe_models
 from stages.science.muscle_models.error_rates import ForceTest
+from stages.science.muscle_models.expected_errors import forecast_error
 from stages.science.muscle_models.inputs import ModelSettings, describe_features
 from stages.science.muscle_models.loop_settings import DesignSettings, Movements, Utility, refuse_repeats
 from stages.science.muscle_models.muscle_set import MuscleSet
@@ -64,6 +66,32 @@ TRIALS = Table(
             "error rate of the models' prediction of the trial's forces before they learned from it, mean over muscles",
             low=0,
         ),
+        "expected_error": column(
+            float,
+            "error rate, mean over muscles, to be expected on the task after the trial (median), by trials left out of "
+            "the models in turn",
+            low=0,
+            optional=True,
+        ),
+        "expected_low": column(
+            float, "lower end of its 95 % interval; none after one trial", low=0, nullable=True, optional=True
+        ),
+        "expected_high": column(float, "upper end of it", low=0, nullable=True, optional=True),
+        "expected_below": column(
+            float,
+            "probability that it is below active_loop.until.error_percent, where that is set",
+            low=0,
+            high=1,
+            nullable=True,
+            optional=True,
+        ),
+        "expected_next": column(
+            float,
+            "to be expected after the trial that would be chosen next, where active_loop.until.gain_percent is set",
+            low=0,
+            nullable=True,
+            optional=True,
+        ),
     },
     key=tuple(WHERE),
 )
@@ -99,7 +127,6 @@ POINTS = Table(
     },
     key=(*WHERE, "muscle", "pick"),
 )
-
 DECISIONS = Table(
     "decisions",
     "An operator's decision on a designed trial, where one attended",
@@ -120,11 +147,22 @@ DECISIONS = Table(
 )
 
 
+class Until(BaseModel):
+    """When an experiment ends before all its trials are done: of what is not null, whichever comes first."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    error_percent: PositiveFloat | None
+    probability: Annotated[float, Field(gt=0, lt=1)]
+    gain_percent: PositiveFloat | None
+
+
 class ActiveLoop(DesignSettings):
     """Config group ``active_loop``."""
 
     controls: list[Utility] | None
     control_experiments: PositiveInt | None
+    until: Until
 
     @model_validator(mode="after")
     def _name_controls_once(self) -> Self:
@@ -156,11 +194,18 @@ class TaskKnown(View):
     def _find_task(self) -> Self:
         section = self.active_loop
         asked = section.utility, section.subsample_utility, *(section.controls or [])
-        if "integrated_variance" in asked and "task" not in self.workflow.stages:
+        if "task" in self.workflow.stages:
+            return self
+        if section.until.error_percent is not None or section.until.gain_percent is not None:
+            raise ValueError(
+                "active_loop.until: expected errors are those on a task, and this workflow has no stage task, which "
+                "says what models are wanted for; set active_loop.until.error_percent=null and "
+                "active_loop.until.gain_percent=null, or leave experiment and workflow out"
+            )
+        if "integrated_variance" in asked:
             raise ValueError(
                 "active_loop.utility: integrated_variance asks for the stage task, which says what models are wanted "
-                "for, and this workflow has none; begin with experiment=designed, or set active_loop.utility and "
-                "active_loop.subsample_utility to y_y"
+                "for, and this workflow has none; set active_loop=paper, or leave experiment and workflow out"
             )
         return self
 
@@ -191,11 +236,12 @@ class TrialsFit(View):
                 "subsampling.initial_trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
             )
         arms, kept = choose_arms(section, False), -(-samples // self.subsampling.every)
-        if "log_det" in arms and section.log_det_every >= kept:
+        least = {"log_det": 2, "integrated_variance": section.points_per_trial}
+        joined = max((least.get(arm, 1) for arm in arms), default=1)
+        if -(-kept // section.joint_every) < joined:
             raise ValueError(
-                f"active_loop.log_det_every: expected less than the {kept} samples that a trajectory keeps "
-                f"(subsampling.every={self.subsampling.every}), so that more than one is joined, "
-                f"got {section.log_det_every}; lower it"
+                f"active_loop.joint_every: expected one that leaves {joined} or more of the {kept} samples that a "
+                f"trajectory keeps (subsampling.every={self.subsampling.every}), got {section.joint_every}; lower it"
             )
         trials = len(arms) * section.trials * len(self.participants)
         most = MOST_ROWS // (trials * samples * len(self.exoskeleton.muscles))
@@ -252,9 +298,9 @@ def active_loop(
             loop = Loop(cfg, ctx, muscles, tasks, references, start, used, *who, arm, number)
             loops["{} experiment {} {}".format(*who, arm)] = (loop,)
     tables = ctx.land("experiments", Loop.run, loops)
-    first = tables["trials"].iloc[0]
-    chosen = tables["trials"].query("participant == @first.participant and experiment == @first.experiment")
-    chosen = chosen[chosen["arm"] == arms[0]]
+    designed = tables["trials"][tables["trials"]["arm"] == arms[0]]
+    first = designed.iloc[0]
+    chosen = designed.query("participant == @first.participant and experiment == @first.experiment")
     caption = (
         f"References and pressure commands chosen for {first.participant}, experiment {first.experiment}, "
         f"by {arms[0]}, in the order of the trials."
@@ -262,6 +308,13 @@ def active_loop(
     pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
     groups = {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}
     ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, groups), caption)
+    if tasks:
+        caption = (
+            f"Error rate, mean over muscles, to be expected on the task after each trial chosen by {arms[0]}: what the "
+            "models expect of themselves, corrected by trials that were left out of them in turn."
+        )
+        limit = cfg.active_loop.until.error_percent
+        ctx.figure("expected_error", draw_expected_errors(designed, None if limit is None else limit / 100.0), caption)
     return tables
 
 
@@ -287,7 +340,7 @@ def choose_arms(section: ActiveLoop, real: bool) -> list[str]:
     """Return the design's utility, then the controls; a real rig executes only controls that were asked for."""
     controls = section.controls
     if controls is None:
-        controls = [] if real else ["variance", "random"]
+        controls = [] if real else ["y_y", "random"]
     return [section.utility, *(each for each in controls if each != section.utility)]
 
 
@@ -320,7 +373,17 @@ class Loop:
         with self.ctx.device as rig:
             for trial in range(1, self.cfg.active_loop.trials + 1):
                 landed.append(self.land(trial, landed, declined, keys, rig))
+                if self.is_enough(landed[-1]):
+                    break
         return keys
+
+    def is_enough(self, part: Part) -> bool:
+        """Return whether the error that is to be expected after a trial ends the experiment."""
+        until, trial = self.cfg.active_loop.until, part[TRIALS.name].iloc[0]
+        if until.error_percent is not None and trial["expected_below"] >= until.probability:
+            return True
+        gain = trial["expected_error"] - trial["expected_next"] if until.gain_percent is not None else np.inf
+        return bool(100.0 * gain < (until.gain_percent or 0.0))
 
     def land(self, trial: int, landed: Parts, declined: list[pd.DataFrame], keys: list[str], rig: Rig) -> Part:
         """Return the part of a trial once the operator, if there is one, keeps it; note those that were declined."""
@@ -365,8 +428,9 @@ class Loop:
         told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(usable), self.starts(trial))
         points.append(self.label(take(usable, picks, self.muscles.names), trial))
         models.append(self.label(describe_models(told.models, self.muscles), trial))
+        described |= {"surprise": surprise, **self.look_ahead(told, points, usable, landed, trial)}
         part = {
-            TRIALS.name: self.label(pd.DataFrame([{**described, "surprise": surprise}]), trial),
+            TRIALS.name: self.label(pd.DataFrame([described]), trial),
             ACTIVE_RECORDINGS.name: self.label(samples, trial),
             MODELS.name: pd.concat(models, ignore_index=True),
             POINTS.name: POINTS.select(pd.concat(points, ignore_index=True)),
@@ -375,6 +439,25 @@ class Loop:
             decision = attempt, described["trajectory"], "keep", rig.attendance.note, ""
             part[DECISIONS.name] = self.describe_decision(trial, *decision)
         return part
+
+    def look_ahead(
+        self, told: Interaction, points: Sequence[pd.DataFrame], usable: pd.DataFrame, landed: Parts, trial: int
+    ) -> dict[str, float]:
+        """Return the columns of a trial that say which error is to be expected on the task, if there is one."""
+        if not self.tasks:
+            return {}
+        known = pd.concat([*(part["points"] for part in landed), *points], ignore_index=True)
+        executed = [keep_usable(self.cfg.model.extend(part["active_recordings"], [])) for part in landed]
+        forecast = forecast_error(told, self.muscles, known, [*executed, usable])
+        until, (low, high) = self.cfg.active_loop.until, forecast.interval
+        columns = {"expected_error": forecast.median, "expected_low": low, "expected_high": high}
+        if until.error_percent is not None:
+            columns["expected_below"] = forecast.probability_below(until.error_percent / 100.0)
+        if until.gain_percent is not None:
+            chosen = self.arm != "random" and trial < self.cfg.active_loop.trials
+            following = told.ask(self.ctx.generator("random")).trajectory if chosen else None
+            columns["expected_next"] = np.nan if following is None else forecast.after(told.foresee(following))
+        return columns
 
     def note_declined(self, trial: int, attempt: int, declined: TrialDeclined) -> Part:
         """Return the part of a trial that the operator declined: the decision, and nothing to learn from."""
@@ -426,7 +509,7 @@ class Loop:
         proposal = Proposal(
             position=trial,
             total=section.trials,
-            reason=explain(described, self.arm),
+            reason="; ".join([explain(described, self.arm), *(describe_expected(landed[-1]) if landed else [])]),
             trajectory=trajectory,
             utilities={each: float(score) for each, score in scores.items() if np.isfinite(score)},
             errors=tuple(float(part[TRIALS.name]["surprise"].iloc[0]) for part in landed),
@@ -451,6 +534,15 @@ def list_declined(declined: Sequence[pd.DataFrame], trial: int) -> tuple[list[in
     rejected = rows.loc[rows["decision"] == "reject", "trajectory"]
     skipped = rows.loc[(rows["decision"] == "skip") & (rows["trial"] == trial), "trajectory"]
     return sorted(set(rejected.astype(int))), sorted(set(skipped.astype(int)))
+
+
+def describe_expected(part: Part) -> list[str]:
+    """Say which error is to be expected on the task after a trial, where that is known with an interval."""
+    trial = part[TRIALS.name].iloc[0].to_dict()
+    if not np.isfinite(trial.get("expected_high", np.nan)):
+        return []
+    told, low, high = (100.0 * trial[name] for name in ("expected_error", "expected_low", "expected_high"))
+    return [f"{told:.2g} % of error to be expected on the task (95 %: {low:.2g} to {high:.2g})"]
 
 
 def explain(described: dict[str, int | float], arm: str) -> str:

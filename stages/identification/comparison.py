@@ -18,7 +18,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
-from stages.science.muscle_models.error_rates import ALL_MUSCLES, average_muscles
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, average_muscles, carry_forward
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.signals.measures import error_rate
@@ -79,6 +79,9 @@ FINAL_ERRORS = Table(
         "after": column(float, "mean error rate after the last trial", low=0),
         "after_sd": column(float, "standard deviation of the latter over experiments", low=0, nullable=True),
         "experiments": column(int, "how many", low=1),
+        "trials": column(
+            float, "trials that were executed, mean over experiments, where some ended before the last", optional=True
+        ),
     },
     key=("tested_on", "muscle", "arm"),
 )
@@ -173,20 +176,24 @@ def comparison(
         key=lambda values: values.map(order) if values.name == "arm" else values,
         ignore_index=True,
     )
-    common = keep_common(curve, len(arms))
+    kept = keep_common(curve, len(arms))
+    common = carry_forward(kept)
     summary = summarise(common, list(tests), arms, muscles)
+    ended = "" if common is kept else " Experiments that ended before keep their last error."
     for tested_on in tests:
         its = summary[summary["tested_on"] == tested_on]
         caption = (
             "Error rate (RMSE over the largest force of the test data) after each trial, for every muscle and their "
             f"average: mean and standard deviation (of {arms[0]}, where there are many arms) over "
             f"{its['experiments'].max()} experiments, tested on {DESCRIBED[tested_on]}. Trial 0 is the initial data, "
-            "the same for every arm."
+            f"the same for every arm.{ended}"
         )
         name = "learning_curve" if tested_on == "bank" else f"learning_curve_{tested_on}"
         ctx.figure(name, draw_learning_curves(its, arms, [ALL_MUSCLES, *muscles]), caption)
     compared = pair_arms(common, arms, cfg.comparison.experiments)
     final = describe_final_errors(summary, list(tests), arms, muscles)
+    if common is not kept:
+        final["trials"] = final["arm"].map(count_trials(kept))
     return curve, summary, final, compared, recommend(compared, arms[0])
 
 
@@ -219,6 +226,11 @@ def keep_common(curve: pd.DataFrame, arms: int) -> pd.DataFrame:
     """Return the rows of the experiments that every arm has, so that arms are compared on the same ones."""
     counted = curve.groupby(["participant", "experiment"])["arm"].transform("nunique")
     return curve[counted == arms]
+
+
+def count_trials(curve: pd.DataFrame) -> pd.Series:
+    """Return by arm how many trials were executed, on average over experiments."""
+    return curve.groupby(["arm", "participant", "experiment"])["trial"].max().groupby("arm").mean()
 
 
 def summarise(curve: pd.DataFrame, tests: Sequence[str], arms: Sequence[str], muscles: Sequence[str]) -> pd.DataFrame:

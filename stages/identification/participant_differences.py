@@ -16,7 +16,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
-from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average, summarise_error_rates
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average, carry_forward, summarise_error_rates
 from stages.science.statistics.equivalence import judge_equivalence
 from stages.science.statistics.groups import compare_groups
 from stages.science.statistics.verdicts import LEVEL, judge_with_equivalence
@@ -73,7 +73,7 @@ class Config(Section):
 def participant_differences(cfg: Config, learning_curve: pd.DataFrame, ctx: Context) -> pd.DataFrame:
     """Compare the participants' error rates in the design's arm."""
     design = learning_curve["arm"].iloc[0]
-    curve = add_average(learning_curve[learning_curve["arm"] == design].drop(columns="arm"))
+    curve = add_average(carry_forward(learning_curve[learning_curve["arm"] == design].drop(columns="arm")))
     muscles = [ALL_MUSCLES, *learning_curve["muscle"].unique()]
     people = list(curve["participant"].unique())
     caption = (

@@ -7,15 +7,20 @@ from itertools import product
 import numpy as np
 import pandas as pd
 import pytest
+from omegaconf import OmegaConf
 
+from stages.science.muscle_models.inputs import ModelSettings
+from tests.composing import compose_values
 from tests.conftest import TINY, Command
 from tests.faults import find_parts, tables_of, wait_until
 from tests.studies import read_stages, run_stage
 
-BEFORE = ["bank", "subsampling", "hyperprior", "hardware"]
+BEFORE = ["bank", "subsampling", "hyperprior", "task", "hardware"]
 STAGES = [*BEFORE, "active_loop", "comparison", "participant_differences", "tracking_delay"]
+FEATURES = ["contraction_stop", "contraction_highpass"]
 TABLES = """
-bank candidates references initial_trials hyperprior scaling hardware_recordings protocol_recordings executed_by
+bank candidates references initial_trials hyperprior scaling task task_movements
+hardware_recordings protocol_recordings executed_by
 trials active_recordings models points decisions learning_curve learning_summary final_errors paired_comparison
 participant_comparison tracking_delays recommendation
 """
@@ -44,7 +49,9 @@ def origins(run):
 def test_runs_every_stage_and_leaves_every_table(shared_run, run):
     assert list(origins(run)) == STAGES
     assert {path.stem for path in (run / "tables").glob("*.parquet")} == set(TABLES.split())
-    figures = product(("learning_curve", "participants", "selected_interactions"), ("png", "pdf"))
+    figures = product(
+        ("learning_curve", "learning_curve_task", "participants", "selected_interactions"), ("png", "pdf")
+    )
     assert {path.name for path in (run / "figures").iterdir()} == {".".join(each) for each in figures}
     assert "Error rate before and after" in (shared_run.outputs.parent / "printed.txt").read_text()
     page = (run / "report.html").read_text()
@@ -54,7 +61,7 @@ def test_runs_every_stage_and_leaves_every_table(shared_run, run):
 
 def test_three_trials_of_three_arms_from_the_same_initial_data(run):
     trials, points, curve = read(run, "trials"), read(run, "points"), read(run, "learning_curve")
-    assert list(trials["arm"].unique()) == ["y_y", "variance", "random"]
+    assert list(trials["arm"].unique()) == ["integrated_variance", "y_y", "random"]
     assert trials.groupby("arm")["trial"].apply(list).map(lambda found: found == [1, 2, 3]).all()
     initial = read(run, "initial_trials")
     for _, chosen in trials.groupby("arm"):
@@ -62,14 +69,14 @@ def test_three_trials_of_three_arms_from_the_same_initial_data(run):
         assert len(set(used)) == len(used)
     counts = points.groupby(["arm", "trial", "muscle"]).size().unstack("trial")
     assert (counts[0] == 10).all()
-    assert (counts[[1, 2, 3]] == 2).all().all()
-    start = curve[curve["trial"] == 0].pivot(index="muscle", columns="arm", values="error_rate")
+    assert (counts[[1, 2, 3]] == 10).all().all()
+    start = curve[curve["trial"] == 0].pivot(index=["tested_on", "muscle"], columns="arm", values="error_rate")
     assert np.ptp(start.to_numpy(), axis=1).max() == 0
 
 
 def test_points_are_samples_of_the_recordings(run):
     points, recordings = read(run, "points"), read(run, "active_recordings")
-    learned = points[points["trial"] > 0].drop(columns="pick")
+    learned = points[points["trial"] > 0].drop(columns=["pick", *FEATURES])
     assert len(learned.merge(recordings, on=list(learned.columns))) == len(learned)
 
 
@@ -78,17 +85,18 @@ def test_error_rates_are_those_of_a_model_rebuilt_from_the_tables(run):
     from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
     its = "arm == 'y_y' and muscle == 'pam3' and trial"
-    row = read(run, "learning_curve").query(f"{its} == 2").iloc[0]
+    row = read(run, "learning_curve").query(f"tested_on == 'bank' and {its} == 2").iloc[0]
     theta = read(run, "models").query(f"{its} == 2")["value"].to_numpy()
     points = read(run, "points").query(f"{its} <= 2")
     scaling = read(run, "scaling").query("muscle == 'pam3'").set_index("quantity")
-    test = read(run, "bank").query("muscle == 'pam3'")
-    inputs = ["pressure_kpa", "contraction", "contraction_velocity_per_s"]
+    settings = OmegaConf.to_container(compose_values().model)
+    test = ModelSettings(**settings).extend(read(run, "bank").query("muscle == 'pam3'"), ["trajectory"])
+    inputs = ["pressure_kpa", "contraction", "contraction_velocity_per_s", *FEATURES]
 
     def standard(frame, names):
         return ((frame[names] - scaling.loc[names, "centre"]) / scaling.loc[names, "scale"]).to_numpy()
 
-    kernel = ConstantKernel(np.exp(2 * theta[3])) * RBF(np.exp(theta[:3])) + WhiteKernel(np.exp(2 * theta[4]))
+    kernel = ConstantKernel(np.exp(2 * theta[5])) * RBF(np.exp(theta[:5])) + WhiteKernel(np.exp(2 * theta[6]))
     model = GaussianProcessRegressor(kernel, optimizer=None, alpha=0.0)
     model.fit(standard(points, inputs), standard(points, ["force_n"])[:, 0])
     centre, scale = scaling.loc["force_n", ["centre", "scale"]]
@@ -125,7 +133,7 @@ def test_killed_in_the_loop_continues_at_the_next_trial_with_identical_tables(ru
 
 def test_changed_key_reruns_just_the_stages_that_read_it(shared_run):
     plan = plan_of(shared_run, "active_loop.points_per_trial=1")
-    assert "run config changed (active_loop.points_per_trial 2 -> 1)" in plan["active_loop"]
+    assert "run config changed (active_loop.points_per_trial 10 -> 1)" in plan["active_loop"]
     assert [name for name in STAGES if plan[name].startswith("fresh")] == BEFORE
     assert plan["comparison"].startswith("wait")
 

@@ -72,8 +72,11 @@ def test_refuses(override, told):
     assert_refused(BOTH, told, "+unseen_bank=default", override)
 
 
+CHANGED = ["bank=natural", "+unseen_bank=default", "bank.trajectories=5", "bank.pressure.step_share=0.5"]
+
+
 def test_follows_the_bank_where_it_is_not_told_otherwise():
-    study, stages = read_stages(BOTH, "+unseen_bank=default", "bank.trajectories=5", "bank.pressure.step_share=0.5")
+    study, stages = read_stages(BOTH, *CHANGED)
     bank, unseen = study.config(stages["bank"]).bank, study.config(stages["unseen_bank"]).unseen_bank
     assert unseen == bank.model_copy(update={"seed": 2000})
     assert unseen.trajectories == 5

@@ -21,7 +21,7 @@ VIEWS = {"hyperprior_sensitivity": MovementsEnough, "time_shift": TrialsEnough}
 
 @pytest.fixture(scope="module")
 def stated():
-    composed = compose_values("budget=tiny", *(f"+{name}=default" for name in SECTIONS))
+    composed = compose_values("budget=tiny", "experiment=paper_design", *(f"+{name}=default" for name in SECTIONS))
     return OmegaConf.to_container(composed, resolve=True)
 
 

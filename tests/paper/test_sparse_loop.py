@@ -22,6 +22,7 @@ from tests.studies import read_stages, run_stage
 BEFORE = ["bank", "subsampling", "hyperprior", "hardware"]
 STAGES = [*BEFORE, "active_loop", "comparison", "sparse_loop", "sparse_comparison"]
 SETTINGS = (
+    "experiment=paper_design",
     "+sparse_loop=default",
     "+sparse_comparison=default",
     "active_loop.controls=[random]",

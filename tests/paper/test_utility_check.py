@@ -82,7 +82,7 @@ def test_reliability_is_the_agreement_of_two_estimates(generator):
 
 def test_utilities_are_checked_on_the_models_of_a_run(shared_run, tmp_path):
     command = shared_run.copy(tmp_path / "outputs")
-    stages = "bank,subsampling,hyperprior,hardware,active_loop,comparison,participant_differences,tracking_delay"
+    stages = "bank,subsampling,hyperprior,task,hardware,active_loop,comparison,participant_differences,tracking_delay"
     result = command("+utility_check=default", f"workflow.stages=[{stages},utility_check]", "stages=[utility_check]")
     assert result.returncode == 0, result.stderr
     told = pd.read_parquet(command.runs[-1] / "tables" / "utility_agreement.parquet")

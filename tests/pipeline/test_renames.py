@@ -23,7 +23,7 @@ MEASURED = json.loads(Path(__file__).with_name("measured_by_0_1.json").read_text
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_a_measurement_of_the_first_version_has_the_fingerprint_of_today(name):
-    study, stages = read_study(compose_values("rig=festo_cpx"))
+    study, stages = read_study(compose_values("rig=festo_cpx", "experiment=paper_design"))
     (stage,) = (each for each in stages if each.name == name)
     today = gather(study, stage, {})
     found = update_facts({"format": 1, "stages": {name: MEASURED[name]}}, 2)["stages"][name]
@@ -46,7 +46,7 @@ WORKFLOW = "defaults:\n  - identification\n  - /rivals: stated\n"
         ("-m rivals.experiments=3,4", "unknown key 'rivals.experiments': it is called 'baselines.experiments' today"),
         ("rivals=stated", "unknown key 'rivals': {baselines}"),
         ("rig=operator", "unknown rig 'operator': {manual}"),
-        ("active_loop=designed", "unknown active_loop 'designed': {default}"),
+        ("active_loop=designed", "unknown active_loop 'designed': {paper}"),
         ("stages=[rivals]", "no stage 'rivals' in workflow identification; {baselines}"),
         ("workflow.stages=[sealed_session]", "no stage 'sealed_session' in stages; {blinded_session}"),
         ("workflow.headline=[rival_curve]", "writes 'rival_curve'; {baseline_curve}"),

@@ -59,7 +59,9 @@ class TaskVariance:
     def _pick(
         self, inputs: Array, whitened: Array, count: int, displace: Displace | None = None
     ) -> tuple[NDArray[np.intp], float]:
-        across = self._covariance(inputs, self._task) - whitened.T @ self._whitened_task
+        scaled = inputs / self._lengths
+        squares = cdist(scaled, self._task / self._lengths, "sqeuclidean")
+        across = self._signal * np.exp(-0.5 * squares) - whitened.T @ self._whitened_task
         variance = np.maximum(self._signal - np.square(whitened).sum(axis=0), 0.0)
         norms = np.einsum("tq,tq->t", across, across)
         picks: list[int] = []
@@ -72,7 +74,8 @@ class TaskVariance:
             if displace is not None:
                 best = displace(best, picks)
             before, scale = own[:k, best].copy(), np.sqrt(variance[best] + self._noise)
-            column = self._covariance(inputs, inputs[[best]])[:, 0] - whitened.T @ whitened[:, best]
+            squares = np.square(scaled - scaled[best]).sum(axis=1)
+            column = self._signal * np.exp(-0.5 * squares) - whitened[:, best] @ whitened
             own[k] = (column - before @ own[:k]) / scale
             along[k] = (across[best] - before @ along[:k]) / scale
             shared = across @ along[k] - (along[:k] @ along[k]) @ own[:k]
@@ -81,10 +84,6 @@ class TaskVariance:
             picks.append(best)
             taken += float(along[k] @ along[k]) / len(self._task)
         return np.array(picks, dtype=np.intp), taken
-
-    def _covariance(self, points: Array, others: Array) -> Array:
-        squares = cdist(points / self._lengths, others / self._lengths, "sqeuclidean")
-        return np.asarray(self._signal * np.exp(-0.5 * squares))
 
 
 def reduce_task_variance(

@@ -32,15 +32,15 @@ class Design(Policy):
         What a recording's samples are picked by; a name in `UTILITIES`, ``integrated_variance`` or ``random``.
     points_per_trial : int
         Samples that each muscle's model takes from a trial.
-    log_det_every : int
-        The ``log_det`` utility takes every so-many-th sample of a trajectory.
+    joint_every : int
+        ``log_det`` and ``integrated_variance``, which score samples together, take every so-many-th of a trajectory.
     starts : int
         Starts of each MAP search beside the warm one.
     """
 
     subsample_utility: str
     points_per_trial: int
-    log_det_every: int
+    joint_every: int
     starts: int
 
 
@@ -72,13 +72,29 @@ class Interaction(Knowledge):
     @property
     def stride(self) -> int:
         """Samples of a trajectory to which a joint utility takes one."""
-        return self.design.log_det_every
+        return self.design.joint_every
 
     def _score(self) -> Array:
         if self.design.utility != INTEGRATED_VARIANCE:
             return super()._score()
         check_muscles(len(self.priors), self.tasks)
-        return reduce_task_variance(self.models, self.tasks, self.candidates, self.design.points_per_trial)
+        thinned = [each[:, :: self.stride] for each in self.candidates]
+        return reduce_task_variance(self.models, self.tasks, thinned, self.design.points_per_trial)
+
+    def foresee(self, trajectory: int) -> Array:
+        """Return what the best samples of a trajectory would take from each muscle's mean variance over its task, (M,).
+
+        A `ValueError` says that there is no such trajectory, or no task.
+        """
+        check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
+        check_muscles(len(self.priors), self.tasks)
+        count = self.design.points_per_trial
+        return np.array(
+            [
+                TaskVariance(model, task).pick(inputs[trajectory, :: self.stride], count)[1]
+                for model, task, inputs in zip(self.models, self.tasks, self.candidates, strict=True)
+            ]
+        )
 
     def tell(
         self,

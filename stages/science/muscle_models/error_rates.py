@@ -19,6 +19,18 @@ ALL_MUSCLES = "mean"
 """What tables call the average over muscles."""
 
 
+def carry_forward(errors: pd.DataFrame) -> pd.DataFrame:
+    """Return the error rates with those of the last trial for all later ones, where experiments ended before others.
+
+    A frame whose experiments have all trials comes back as it is.
+    """
+    keys = [name for name in errors.columns if name not in ("trial", "rmse_n", "error_rate")]
+    wide = errors.pivot(index=keys, columns="trial", values="error_rate")
+    if not wide.isna().any(axis=None):
+        return errors
+    return wide.ffill(axis=1).melt(value_name="error_rate", ignore_index=False).reset_index()
+
+
 def average_muscles(errors: pd.DataFrame, values: Sequence[str] = ("error_rate",)) -> pd.DataFrame:
     """Return the values averaged over muscles, with all other columns but rmse_n."""
     keys = [name for name in errors.columns if name not in ("muscle", "rmse_n", *values)]

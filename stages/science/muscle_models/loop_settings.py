@@ -44,7 +44,7 @@ class DesignSettings(BaseModel):
     points_per_trial: Points
     reduce: Literal["sum", "max"]
     reuse_trajectories: bool
-    log_det_every: PositiveInt
+    joint_every: PositiveInt
     starts: Annotated[int, Field(ge=0, le=1000)]
     memory_mb: Annotated[float, Field(gt=0, le=2**20)]
 

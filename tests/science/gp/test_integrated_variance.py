@@ -68,7 +68,7 @@ def test_a_trajectory_scores_what_its_picks_take_added_over_muscles(model, task,
 def test_the_loop_chooses_the_trajectory_and_takes_the_samples_that_serve_the_task(generator):
     settings = {"reduce": "sum", "reuse_trajectories": False, "mean": "zero", "memory_mb": 64.0}
     design = Design(INTEGRATED_VARIANCE, **settings, subsample_utility=INTEGRATED_VARIANCE, points_per_trial=2,
-                    log_det_every=1, starts=1)  # fmt: skip
+                    joint_every=1, starts=1)  # fmt: skip
     near, far = np.zeros((20, 3)), np.full((20, 3), 6.0)
     near, far = (each + 0.5 * generator.standard_normal((20, 3)) for each in (near, far))
     bank = [np.stack([far, near])]

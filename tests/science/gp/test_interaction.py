@@ -15,7 +15,7 @@ from stages.science.gp.subsample import subsample
 from tests.science.gp.data import make_data, make_prior
 
 SHARED = {"utility": "y_y", "reduce": "sum", "reuse_trajectories": False, "mean": "zero", "memory_mb": 8.0}
-DESIGN = Design(**SHARED, subsample_utility="y_y", points_per_trial=2, log_det_every=10, starts=3)
+DESIGN = Design(**SHARED, subsample_utility="y_y", points_per_trial=2, joint_every=10, starts=3)
 SPARSE = SparseDesign(**SHARED, pseudo_inputs=6, starts=2, first_iterations=30, iterations=8)
 MUSCLES = 2
 
@@ -111,7 +111,7 @@ def tell(interaction, *told):
         (Exact, {}),
         (Exact, {"mean": "constant"}),
         (Exact, {"reduce": "max"}),
-        (Exact, {"utility": "log_det", "log_det_every": 4}),
+        (Exact, {"utility": "log_det", "joint_every": 4}),
         (Exact, {"utility": "variance", "subsample_utility": "f_f", "points_per_trial": 3}),
         (Sparse, {"mean": "constant", "reduce": "max"}),
         (Sparse, {"utility": "variance"}),
@@ -123,7 +123,7 @@ def test_ask_and_tell_are_the_algorithm_by_hand(way, changes, bank, recordings):
     muscles = [way(design, *each) for each in zip(*data, generators(0), strict=True)]
     for trial, recorded in enumerate(recordings, start=1):
         choice = interaction.ask(np.random.default_rng(trial))
-        stride = {"stride": design.log_det_every} if way is Exact else {}
+        stride = {"stride": design.joint_every} if way is Exact else {}
         models = [each.model for each in muscles]
         scores = trajectory_utility(models, bank, design.utility, design.reduce, **stride)
         scores[executed] = -np.inf

@@ -66,7 +66,7 @@ LOOP = {
     "subsample_utility": "y_y",
     "reduce": "sum",
     "reuse_trajectories": False,
-    "log_det_every": 2,
+    "joint_every": 2,
     "starts": 2,
     "memory_mb": 64.0,
 }

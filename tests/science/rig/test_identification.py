@@ -9,7 +9,7 @@ from tests.studies import PickledContext, read_stages, run_stage
 
 pytestmark = pytest.mark.slow
 
-STAGES = ["bank", "subsampling", "hyperprior", "hardware", "active_loop", "comparison"]
+STAGES = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "comparison"]
 MACHINE = ("plant=nominal", "exoskeleton.sampling_rate_hz=100", "exoskeleton.trial_s=2.0", "bank.trajectories=14")
 STUDY = (*MACHINE, "subsampling.initial_trials=2", "active_loop.trials=10", "active_loop.controls=[]")
 SEEDS = range(5)
