@@ -236,12 +236,11 @@ class TrialsFit(View):
                 "subsampling.initial_trials, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
             )
         arms, kept = choose_arms(section, False), -(-samples // self.subsampling.every)
-        least = {"log_det": 2, "integrated_variance": section.points_per_trial}
-        joined = max((least.get(arm, 1) for arm in arms), default=1)
-        if -(-kept // section.joint_every) < joined:
+        if "log_det" in arms and section.joint_every >= kept:
             raise ValueError(
-                f"active_loop.joint_every: expected one that leaves {joined} or more of the {kept} samples that a "
-                f"trajectory keeps (subsampling.every={self.subsampling.every}), got {section.joint_every}; lower it"
+                f"active_loop.joint_every: expected less than the {kept} samples that a trajectory keeps "
+                f"(subsampling.every={self.subsampling.every}), so that more than one is joined, "
+                f"got {section.joint_every}; lower it"
             )
         trials = len(arms) * section.trials * len(self.participants)
         most = MOST_ROWS // (trials * samples * len(self.exoskeleton.muscles))
@@ -448,7 +447,7 @@ class Loop:
             return {}
         known = pd.concat([*(part["points"] for part in landed), *points], ignore_index=True)
         executed = [keep_usable(self.cfg.model.extend(part["active_recordings"], [])) for part in landed]
-        forecast = forecast_error(told, self.muscles, known, [*executed, usable])
+        forecast = forecast_error(told.models, self.tasks, self.muscles, known, [*executed, usable])
         until, (low, high) = self.cfg.active_loop.until, forecast.interval
         columns = {"expected_error": forecast.median, "expected_low": low, "expected_high": high}
         if until.error_percent is not None:

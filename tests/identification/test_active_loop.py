@@ -50,12 +50,13 @@ def test_runs_every_stage_and_leaves_every_table(shared_run, run):
     assert list(origins(run)) == STAGES
     assert {path.stem for path in (run / "tables").glob("*.parquet")} == set(TABLES.split())
     figures = product(
-        ("learning_curve", "learning_curve_task", "participants", "selected_interactions"), ("png", "pdf")
+        ("expected_error", "learning_curve", "learning_curve_task", "participants", "selected_interactions"),
+        ("png", "pdf"),
     )
     assert {path.name for path in (run / "figures").iterdir()} == {".".join(each) for each in figures}
     assert "Error rate before and after" in (shared_run.outputs.parent / "printed.txt").read_text()
     page = (run / "report.html").read_text()
-    assert page.count("data:image/png;base64,") == 3
+    assert page.count("data:image/png;base64,") == 5
     assert 'src="http' not in page
 
 

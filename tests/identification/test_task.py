@@ -89,6 +89,52 @@ def test_refuses(overrides, told):
     assert_refused(CHAIN, told, "task=bank", *overrides)
 
 
+@pytest.fixture(scope="module")
+def ended(designed, tmp_path_factory):
+    """The same study's tables where experiments end by the error that is to be expected."""
+    tables = designed[2]
+    study, stages = read_stages(CHAIN, *DESIGNED, "active_loop.until.error_percent=4.0")
+    folder = tmp_path_factory.mktemp("ended")
+    found = run_stage(study, stages["active_loop"], folder, tables)
+    return found | run_stage(study, stages["comparison"], folder, {**tables, **found})
+
+
+def test_an_experiment_ends_with_the_first_trial_after_which_the_error_is_probably_below_the_limit(designed, ended):
+    whole, trials = (each["trials"].set_index(["arm", "trial"]) for each in (designed[2], ended))
+    assert "expected_below" not in whole
+    lasts = {}
+    for arm, its in trials.groupby("arm"):
+        lasts[arm] = len(its)
+        assert (its["expected_below"].iloc[:-1].fillna(0.0) < 0.9).all()
+        assert (its["expected_below"].iloc[-1] >= 0.9) == (len(its) < 3)
+    assert min(lasts.values()) == 2
+    same = ["trajectory", "utility", "surprise", "expected_error", "expected_low", "expected_high"]
+    pd.testing.assert_frame_equal(trials[same], whole.loc[trials.index, same], check_exact=True)
+
+
+def test_an_experiment_that_ended_keeps_its_last_error_where_arms_are_compared(ended):
+    curve, final = ended["learning_curve"], ended["final_errors"]
+    last = curve.groupby(["tested_on", "muscle", "arm"])["error_rate"].last()
+    told = final[final["muscle"] != "mean"].set_index(["tested_on", "muscle", "arm"])
+    pd.testing.assert_series_equal(told["after"].sort_index(), last, check_names=False)
+    executed = ended["trials"].groupby("arm").size()
+    assert (final["trials"] == final["arm"].map(executed)).all()
+
+
+def test_an_experiment_ends_where_the_next_trial_would_gain_too_little(designed, tmp_path):
+    study, stages = read_stages(CHAIN, "active_loop.controls=[]", "active_loop.until.gain_percent=100.0")
+    trials = run_stage(study, stages["active_loop"], tmp_path, designed[2])["trials"]
+    assert len(trials) == 1
+    assert 0.0 < trials["expected_next"].iloc[0] < trials["expected_error"].iloc[0]
+    assert np.isnan(trials["expected_high"].iloc[0])
+
+
+def test_an_end_by_the_task_is_refused_without_one():
+    left = [each for each in CHAIN if each != "task"]
+    limit = "experiment=paper_design", "active_loop.until.error_percent=2.0"
+    assert_refused(left, "active_loop.until: expected errors are those on a task, and this workflow has no", *limit)
+
+
 def test_a_choice_that_serves_a_task_is_refused_without_one_before_anything_is_measured():
     left = [each for each in CHAIN if each != "task"]
     assert_refused(left, "active_loop.utility: integrated_variance asks for the stage task", "~task")

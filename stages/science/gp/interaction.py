@@ -78,8 +78,13 @@ class Interaction(Knowledge):
         if self.design.utility != INTEGRATED_VARIANCE:
             return super()._score()
         check_muscles(len(self.priors), self.tasks)
-        thinned = [each[:, :: self.stride] for each in self.candidates]
-        return reduce_task_variance(self.models, self.tasks, thinned, self.design.points_per_trial)
+        return reduce_task_variance(self.models, self.tasks, *self._thin())
+
+    def _thin(self) -> tuple[list[Array], int]:
+        """Return the candidates that are scored together, and how many a trial gives: as many at least are left."""
+        samples = self.candidates[0].shape[1]
+        count = min(self.design.points_per_trial, samples)
+        return [each[:, :: min(self.stride, samples // count)] for each in self.candidates], count
 
     def foresee(self, trajectory: int) -> Array:
         """Return what the best samples of a trajectory would take from each muscle's mean variance over its task, (M,).
@@ -88,11 +93,11 @@ class Interaction(Knowledge):
         """
         check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
         check_muscles(len(self.priors), self.tasks)
-        count = self.design.points_per_trial
+        thinned, count = self._thin()
         return np.array(
             [
-                TaskVariance(model, task).pick(inputs[trajectory, :: self.stride], count)[1]
-                for model, task, inputs in zip(self.models, self.tasks, self.candidates, strict=True)
+                TaskVariance(model, task).pick(inputs[trajectory], count)[1]
+                for model, task, inputs in zip(self.models, self.tasks, thinned, strict=True)
             ]
         )
 

@@ -15,7 +15,7 @@ import pandas as pd
 from scipy import stats
 
 from stages.science.gp.expected_error import expect_error, leave_trials_out
-from stages.science.gp.interaction import Interaction
+from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import place_evenly
 from stages.science.signals.scaling import Array
@@ -74,14 +74,18 @@ class ErrorForecast:
 
 
 def forecast_error(
-    known: Interaction, muscles: MuscleSet, points: pd.DataFrame, executed: Sequence[pd.DataFrame]
+    models: Sequence[MarginalGP],
+    tasks: Sequence[Array],
+    muscles: MuscleSet,
+    points: pd.DataFrame,
+    executed: Sequence[pd.DataFrame],
 ) -> ErrorForecast:
     """Return the error rate to be expected on the task.
 
     Parameters
     ----------
-    known : Interaction
-        After K trials, with a task.
+    models, tasks : sequences over M muscles of MarginalGP and of (Q, D) float arrays
+        Models after K trials, and standardised inputs that they are wanted for.
     muscles : MuscleSet
         Names and scalings.
     points : DataFrame
@@ -91,14 +95,14 @@ def forecast_error(
     """
     standard = [muscles.standardise(each) for each in executed]
     expected, rates, left_out = [], [], []
-    for m, (name, scaling, model) in enumerate(zip(muscles.names, muscles.scalings, known.models, strict=True)):
+    for m, (name, scaling, model) in enumerate(zip(muscles.names, muscles.scalings, models, strict=True)):
         trials = points.loc[points["muscle"] == name, "trial"].to_numpy() - 1
         samples = []
         for inputs, outputs in standard:
             rows = place_evenly(min(SAMPLES, len(inputs[m])), len(inputs[m]))
             samples.append((inputs[m][rows], outputs[m][rows]))
-        force = scaling.restore_force(model.predict_mean(known.tasks[m]))
+        force = scaling.restore_force(model.predict_mean(tasks[m]))
         rates.append(float(np.ptp(scaling.restore_force(np.array([0.0, 1.0])))) / float(np.abs(force).max()))
-        expected.append(expect_error(model, known.tasks[m]))
+        expected.append(expect_error(model, tasks[m]))
         left_out.append(rates[-1] * leave_trials_out(model, trials, samples))
     return ErrorForecast(np.array(expected), np.array(rates), np.mean(left_out, axis=0))

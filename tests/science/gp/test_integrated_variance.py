@@ -1,5 +1,7 @@
 """What measurements take from the mean variance over a task, against models that are given them."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 
@@ -89,3 +91,19 @@ def test_a_task_without_inputs_of_another_shape_or_more_picks_than_samples_are_r
         TaskVariance(model, task[:, :2])
     with pytest.raises(ValueError, match="count: expected between 0 and 30 picks, got 31"):
         TaskVariance(model, task).pick(trial, 31)
+
+
+def test_what_a_trajectory_would_take_is_foreseen_for_each_muscle(model, task, generator):
+    settings = {"reduce": "sum", "reuse_trajectories": False, "mean": "zero", "memory_mb": 64.0}
+    design = Design(INTEGRATED_VARIANCE, **settings, subsample_utility=INTEGRATED_VARIANCE, points_per_trial=3,
+                    joint_every=2, starts=1)  # fmt: skip
+    bank, data = generator.standard_normal((4, 20, 3)), make_data(generator, 6)
+    known = Interaction.begin(design, [bank], [make_prior()], [data[0]], [data[1]], [], [generator], [task])
+    scores = known.ask(generator).scores
+    foreseen = [known.foresee(trajectory) for trajectory in range(4)]
+    few = replace(known, design=replace(design, joint_every=100, points_per_trial=50))
+    whole = [TaskVariance(known.models[0], task).pick(each, 20)[1] for each in bank]
+    np.testing.assert_allclose(few.ask(generator).scores, whole, rtol=1e-9)
+    np.testing.assert_allclose(np.ravel(foreseen), scores, rtol=1e-9)
+    with pytest.raises(ValueError, match="trajectory: expected 0 to 3"):
+        known.foresee(4)

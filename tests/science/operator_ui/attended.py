@@ -23,7 +23,7 @@ NOBODY_NEEDED = {"countdown_s": 0.3, "result_s": 0.5, "lost_after_s": 1.0, "need
 STUDY = shlex.split("""
 budget=tiny bank.trajectories=8 subsampling.initial_trials=1 active_loop.trials=5 active_loop.controls=[]
 exoskeleton.trial_s=0.8 rig.lead_in_s=0.2 rig.realtime=true
-stages=[bank,subsampling,hyperprior,hardware,active_loop,tracking_delay,comparison]
+task=bank stages=[bank,subsampling,hyperprior,task,hardware,active_loop,tracking_delay,comparison]
 operator_ui=pages operator_ui.port=0 operator_ui.countdown_s=0.1 operator_ui.lost_after_s=5.0 operator_ui.result_s=0.0
 """)
 

@@ -21,10 +21,10 @@ from tests.science.operator_ui.attended import Study, make_session, make_trial, 
 
 SMALL = shlex.split("""
 budget=tiny figures=[] bank.trajectories=5 subsampling.initial_trials=1 active_loop.trials=2 active_loop.controls=[]
-stages=[bank,subsampling,hyperprior,hardware,active_loop]
+task=bank stages=[bank,subsampling,hyperprior,task,hardware,active_loop]
 operator_ui=terminal operator_ui.countdown_s=0.0 operator_ui.result_s=0.0
 """)
-FIRST = "p1 experiment 1 y_y trial 1"
+FIRST = "p1 experiment 1 integrated_variance trial 1"
 DECISIONS = {
     "bank 1": ["a", "r it slipped", "a", "k"],
     FIRST: ["s too fast", "a", "x the strap came off", "a in order", "k calm"],
@@ -112,13 +112,13 @@ def test_skipped_repeated_and_rejected_trials_lie_where_they_belong(decided):
     assert sorted(read(run, "active_recordings")["trial"].unique()) == [1, 2]
     assert sorted(points["trial"].unique()) == [0, 1, 2]
     aside = {path.name: pd.read_parquet(path) for path in (run / "interrupted").iterdir()}
-    assert set(aside) == {"bank~1~1.parquet", "active_loop~p1~1~y_y~01~1.parquet"}
+    assert set(aside) == {"bank~1~1.parquet", "active_loop~p1~1~integrated_variance~01~1.parquet"}
     assert aside["bank~1~1.parquet"]["stopped_by"].unique() == ["to be repeated, says the operator: it slipped"]
-    told = aside["active_loop~p1~1~y_y~01~1.parquet"]
+    told = aside["active_loop~p1~1~integrated_variance~01~1.parquet"]
     assert told["stopped_by"].unique() == ["rejected by the operator: the strap came off"]
     assert len(told) == len(read(run, "active_recordings")) / 2
     assert len(read(run, "bank")["trajectory"].unique()) == 5
-    assert (decided.outputs.parent / "printed.txt").read_text().count("tells most: utility y_y") == 4
+    assert (decided.outputs.parent / "printed.txt").read_text().count("tells most: utility integrated_variance") == 4
 
 
 def test_a_study_that_is_stopped_and_continued_is_the_same_study(decided, tmp_path):

@@ -319,9 +319,10 @@ def test_pages_fit_in_every_state(still, theme, paper, other):
 
 
 KEYS = {"accept": "a", "skip": "s", "keep": "k", "repeat": "r", "reject": "x"}
+FIRST, FOURTH = (f"p1 experiment 1 integrated_variance trial {each}" for each in (1, 4))
 ANSWERS = {
-    "p1 experiment 1 y_y trial 1": ["skip", "accept", "reject", "accept", "keep"],
-    "p1 experiment 1 y_y trial 4": ["accept", "repeat", "accept", "keep"],
+    FIRST: ["skip", "accept", "reject", "accept", "keep"],
+    FOURTH: ["accept", "repeat", "accept", "keep"],
 }
 
 
@@ -361,7 +362,10 @@ def test_a_study_is_driven_through_its_pages(browser, tmp_path):
     decisions = read(run, "decisions").set_index(["trial", "attempt"])
     assert decisions.loc[1, "decision"].tolist() == ["skip", "reject", "keep"]
     assert decisions.loc[4, "decision"].tolist() == ["repeat", "keep"]
-    assert decisions.loc[(1, 2), "note"] == "accept p1 experiment 1 y_y trial 1; reject p1 experiment 1 y_y trial 1"
+    assert (
+        decisions.loc[(1, 2), "note"]
+        == "accept p1 experiment 1 integrated_variance trial 1; reject p1 experiment 1 y_y trial 1"
+    )
     assert len(decisions) == 8
     trials, recordings = read(run, "trials"), read(run, "active_recordings")
     assert trials["trial"].tolist() == list(range(1, 6))

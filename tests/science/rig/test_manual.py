@@ -101,7 +101,7 @@ def execute_by_hand(asks):
 
 @pytest.mark.slow
 def test_asks_for_each_trial_and_goes_on_when_told(tmp_path):
-    small = ["bank.trajectories=3", "subsampling.initial_trials=1", "active_loop.trials=2"]
+    small = ["bank.trajectories=3", "subsampling.initial_trials=1", "active_loop.trials=2", "task=bank"]
     command = Command(tmp_path / "outputs", "budget=tiny", *small, "rig=manual", f"rig.folder={tmp_path / 'told'}")
     asked = []
     for _ in range(12):
@@ -115,7 +115,7 @@ def test_asks_for_each_trial_and_goes_on_when_told(tmp_path):
         asked.append(asks["trial"])
         execute_by_hand(asks)
     assert result.returncode == 0, result.stderr
-    trials = [f"p1 experiment 1 {each}" for each in ("initial 1", "y_y trial 1", "y_y trial 2")]
+    trials = [f"p1 experiment 1 {each}" for each in ("initial 1", *(f"integrated_variance trial {k}" for k in (1, 2)))]
     assert asked == ["bank 0", "bank 1", "bank 2", *trials]
     trials = pd.read_parquet(command.runs[0] / "tables" / "trials.parquet")
-    assert list(trials["arm"].unique()) == ["y_y"]
+    assert list(trials["arm"].unique()) == ["integrated_variance"]
