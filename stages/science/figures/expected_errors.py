@@ -20,23 +20,24 @@ def draw_expected_errors(trials: pd.DataFrame, limit: float | None) -> Figure:
     Trials have participant, experiment, trial, expected_error, expected_low and expected_high, as rates; a limit is
     drawn where there is one.
     """
-    from matplotlib.ticker import MaxNLocator, PercentFormatter
+    from matplotlib.ticker import MaxNLocator
 
     figure, ((axis,),) = new_figure(6.4, 3.6)
-    experiments = list(trials.groupby(["participant", "experiment"], sort=False))
+    told = ["expected_error", "expected_low", "expected_high"]
+    percent = trials.assign(**100.0 * trials[told])
+    experiments = list(percent.groupby(["participant", "experiment"], sort=False))
     for position, (_, its) in enumerate(experiments[1:]):
         label = "other experiments" if not position else None
         axis.plot(its["trial"], its["expected_error"], color=OTHERS, linewidth=0.8, label=label)
     (participant, experiment), its = experiments[0]
-    told = its.dropna(subset=["expected_low", "expected_high"])
-    axis.fill_between(told["trial"], told["expected_low"], told["expected_high"], color=COLOURS[0], alpha=0.15, lw=0)
+    known = its.dropna(subset=told)
+    axis.fill_between(known["trial"], known["expected_low"], known["expected_high"], color=COLOURS[0], alpha=0.15, lw=0)
     name = f"{participant}, experiment {experiment}, 95 % interval"
     axis.plot(its["trial"], its["expected_error"], "o-", color=COLOURS[0], markersize=4, label=name)
     if limit is not None:
-        axis.axhline(limit, color="#2b2b2b", linestyle="--", linewidth=1.0, label="ends below")
-    axis.set(xlabel="trial", ylabel="error rate to be expected", ylim=(0, 2.0 * trials["expected_error"].max()))
+        axis.axhline(100.0 * limit, color="#2b2b2b", linestyle="--", linewidth=1.0, label="ends below")
+    axis.set(xlabel="trial", ylabel="error rate to be expected (%)", ylim=(0, 2.0 * percent["expected_error"].max()))
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axis.yaxis.set_major_formatter(PercentFormatter(1.0))
     axis.grid(alpha=0.25)
     axis.legend(frameon=False, fontsize=9)
     return figure

@@ -25,7 +25,7 @@ INTEGRATED_VARIANCE = "integrated_variance"
 
 
 class TaskVariance:
-    """The mean variance of a model over a task, and what measurements take from it; all in standard units squared."""
+    """What measurements take from a model's mean variance over a task, in standard units squared."""
 
     def __init__(self, model: MarginalGP, task: Array):
         self._lengths = model.hyperparameters.lengths
@@ -35,12 +35,6 @@ class TaskVariance:
         if not len(self._task):
             raise ValueError("task: expected at least one input, got none")
         self._whitened_task = self._whiten(self._task)
-
-    @property
-    def mean(self) -> float:
-        """Mean of V over the task."""
-        explained = np.square(self._whitened_task).sum(axis=0)
-        return float(np.maximum(self._signal - explained, 0.0).mean())
 
     def pick(self, inputs: Array, count: int, displace: Displace | None = None) -> tuple[NDArray[np.intp], float]:
         """Return the rows of (T, D) inputs that take most, (count,), in the order of picking, and what they take.

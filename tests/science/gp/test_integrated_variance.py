@@ -33,10 +33,6 @@ def mean_variance(model, task, *rows):
     return grown.predict(task)[1].mean()
 
 
-def test_the_mean_is_that_of_the_predicted_variance(model, task):
-    assert TaskVariance(model, task).mean == pytest.approx(mean_variance(model, task), rel=1e-12)
-
-
 def test_each_pick_is_the_one_after_which_a_grown_model_is_surest(model, task, trial):
     picks, taken = TaskVariance(model, task).pick(trial, 5)
     known = []
