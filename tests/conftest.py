@@ -17,6 +17,7 @@ from filelock import FileLock
 from hydra._internal.core_plugins.file_config_source import FileConfigSource
 from hypothesis import HealthCheck, settings
 
+from tests.composed_once import composing_once
 from tests.stalls import RealTime, StallWatch
 from tests.turned import turned  # noqa: F401 (a fixture)
 from tests.within import load_once, run_within, start_forked
@@ -43,8 +44,8 @@ def pytest_collection_finish(session):
 
 
 @pytest.fixture(scope="session", autouse=True)
-def _files_of_the_configuration_are_parsed_once():
-    with patch.object(FileConfigSource, "load_config", load_once):
+def _files_of_the_configuration_are_parsed_and_composed_once():
+    with patch.object(FileConfigSource, "load_config", load_once), composing_once():
         yield
 
 
