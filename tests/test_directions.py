@@ -1,6 +1,7 @@
 """The rules of direction: who may import whom, and who may write files."""
 
 import ast
+import functools
 import subprocess
 import sys
 from graphlib import TopologicalSorter
@@ -109,10 +110,13 @@ def test_what_searches_and_the_blinded_rig_share_no_code(graph):
     assert not [pair for pair in ours if within(pair[0], rig) != within(pair[1], rig)]
 
 
-def walk(*packages):
-    """Yield the module, by its path, of each node of the syntax trees of packages, and the node."""
-    for path in (path for each in packages for path in (ROOT / each).rglob("*.py")):
-        yield from ((path.relative_to(ROOT).as_posix(), node) for node in ast.walk(ast.parse(path.read_text())))
+@functools.cache
+def walk(package):
+    """Return the module, by its path, of each node of the syntax trees of a package, and the node."""
+    trees = [
+        (path.relative_to(ROOT).as_posix(), ast.parse(path.read_text())) for path in (ROOT / package).rglob("*.py")
+    ]
+    return [(path, node) for path, tree in trees for node in ast.walk(tree)]
 
 
 def test_files_are_written_by_the_pipeline_alone():
@@ -136,13 +140,16 @@ def list_imported(node):
 
 def test_matplotlib_is_imported_inside_functions_only():
     modules = [
-        (path, each) for path, node in walk("stages", "pipeline") if isinstance(node, ast.Module) for each in node.body
+        (path, each)
+        for path, node in walk("stages") + walk("pipeline")
+        if isinstance(node, ast.Module)
+        for each in node.body
     ]
     assert not [(path, name) for path, node in modules for name in list_imported(node) if name.startswith("matplotlib")]
 
 
 def test_nothing_private_is_imported():
-    found = [(path, name) for path, node in walk("stages", "pipeline") for name in list_imported(node)]
+    found = [(path, name) for path, node in walk("stages") + walk("pipeline") for name in list_imported(node)]
     private = [(path, name) for path, name in found if any(part.startswith("_") for part in name.split("."))]
     assert not [each for each in private if "__future__" not in each[1]]
 
