@@ -144,10 +144,10 @@ def test_errors_on_the_task_are_of_its_region_alone(designed, tmp_path):
     study, stages, tables = designed
     moved = tables["task_movements"]
     first = moved["trajectory"] == 0
-    given = {"region": moved.assign(wanted=first), "alone": moved[first], "all": moved}
-    curves = {}
-    for name, each in given.items():
-        told = run_stage(study, stages["comparison"], tmp_path / name, {**tables, "task_movements": each})
-        curves[name] = told["learning_curve"].query("tested_on == 'task'")["error_rate"].to_numpy()
+    told = {"all": tables}
+    for name, each in {"region": moved.assign(wanted=first), "alone": moved[first]}.items():
+        told[name] = run_stage(study, stages["comparison"], tmp_path / name, {**tables, "task_movements": each})
+    on_task = {name: each["learning_curve"].query("tested_on == 'task'") for name, each in told.items()}
+    curves = {name: each["error_rate"].to_numpy() for name, each in on_task.items()}
     np.testing.assert_array_equal(curves["region"], curves["alone"])
     assert np.abs(curves["region"] - curves["all"]).max() > 1e-4
