@@ -121,8 +121,6 @@ def test_nothing_is_named_in_what_the_fitted_textbook_simulates(path):
     refined = output.plant.refine({name: values[:, None] for name, values in output.records[0].items()}, output.step_s)
     constants = nominal.model.name_values(nominal.values)[0]
     clean = output.plant.simulate(refined, output.step_s, np.zeros(1), constants, (), output.begun[0])[:, 0]
-    for seed in range(2):
-        noise = 0.01 * clean.std() * np.random.default_rng(seed).standard_normal(len(clean))
-        copied = {**output.records[0], output.plant.output: clean + noise}
-        again = build_records(*tabulate(copied, step_s=output.step_s), plant)
-        assert look(again, seed)[1] == []
+    noise = 0.01 * clean.std() * np.random.default_rng(0).standard_normal(len(clean))
+    copied = {**output.records[0], output.plant.output: clean + noise}
+    assert look(build_records(*tabulate(copied, step_s=output.step_s), plant))[1] == []

@@ -49,9 +49,8 @@ def build(added=0.0, seed=1, hole=None, samples=4800):
     return build_force(way, force)
 
 
-@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
-def test_a_hidden_loop_is_named_and_mended(seed):
-    found, names = look(build(0.8 * slide(move(seed, 1600), 0.004), seed, samples=1600))
+def test_a_hidden_loop_is_named_and_mended():
+    found, names = look(build(0.8 * slide(move(0, 1600), 0.004), 0, samples=1600))
     assert names == ["hysteresis"]
     state = found.outputs[0]
     after, before = (np.sqrt(each.raw.sum() / state.samples.sum()) for each in (state.current, state.nominal))
@@ -59,7 +58,7 @@ def test_a_hidden_loop_is_named_and_mended(seed):
     assert after < 0.3 * before
 
 
-@pytest.mark.parametrize("seed", [0, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (1, 2, 3))])
+@pytest.mark.parametrize("seed", [0, pytest.param(1, marks=pytest.mark.slow)])
 def test_nothing_is_named_where_nothing_is_missing(seed):
     assert look(build(seed=seed, samples=1600))[1] == []
 
