@@ -30,7 +30,7 @@ def test_runs_by_the_command_that_it_begins_with(path, shared_run):
 
 @pytest.mark.slow
 def test_utilities_are_arms_from_the_same_initial_data(pamid):
-    result = pamid("experiment=utilities", "budget=tiny", "active_loop.trials=1")
+    result = pamid("experiment=utilities", "budget=tiny", "active_loop.trials=1", "figures=[png]")
     assert result.returncode == 0, result.stderr
     curve = pd.read_parquet(pamid.runs[0] / "tables/learning_curve.parquet")
     assert list(curve["arm"].unique()) == ["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "random"]

@@ -94,7 +94,7 @@ def test_the_spring_of_a_recorded_oscillator_is_named_by_one_command(pamid, tmp_
     """Of a third of the random motion, and told of where the arrow is widest, beyond what was fitted."""
     frame = pd.read_parquet(RECORDED)
     motion, arrow = (frame[frame["part"] == part] for part in ("multisine", "arrow_test"))
-    pd.concat([motion[:30000], arrow[-15000:]]).to_parquet(tmp_path / "record.parquet")
+    pd.concat([motion[:16000], arrow[-10000:]]).to_parquet(tmp_path / "record.parquet")
     result = pamid(LINE[0], "measurement=silverbox", f"measured={tmp_path}/record.parquet", "figures=[]")
     assert result.returncode == 0, result.stderr
     (folder,) = pamid.runs
