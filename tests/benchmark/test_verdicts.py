@@ -46,7 +46,7 @@ def describe(name, trials=TRIALS):
     said = decide_on(name, trials)
     return {
         "status": said.status,
-        "named": {each.name: round(float(each.probability), 2) for each in said.effects},
+        "named": {each.name: round(float(each.probability), 4) for each in said.effects},
         "seen_in": {each.name: each.channel for each in said.effects},
         "left": {channel: each.family for channel, each in said.remainders.items() if each.unknown > 0.5},
     }
