@@ -34,10 +34,10 @@ TRIALS, CANDIDATES = 12, 200
 PRIOR = Hyperprior(np.array([1.4, 0.9, 0.9, 0.4, -2.5]), np.array([0.5, 0.5, 0.5, 0.5, 1.0]))
 
 
-def read_section(name, *overrides):
-    """The loop's own settings."""
+def read_section(name):
+    """The loop's own settings in the paper's design."""
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        return compose("config", overrides=list(overrides))[name]
+        return compose("config", overrides=["workflow=paper"])[name]
 
 
 def walk(generator, trajectories, samples):
@@ -153,7 +153,7 @@ class SparseProblem:
     """All samples of twelve trials, of which the last is about to be told."""
 
     def __init__(self, samples):
-        section = read_section("sparse_loop", "workflow=paper")
+        section = read_section("sparse_loop")
         generator = np.random.default_rng(20261121)
         self.starts, self.pseudo_inputs = section.exact_starts, section.pseudo_inputs
         self.candidates = [walk(generator, TRAJECTORIES, CANDIDATES) for _ in range(MUSCLES)]
