@@ -29,7 +29,7 @@ from stages.science.gp.interaction import Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.muscle_models.description import describe_choice, describe_models
 from stages.science.muscle_models.error_rates import ForceTest
-from stages.science.muscle_models.expected_errors import forecast_error
+from stages.science.muscle_models.expected_errors import Spread, forecast_error
 from stages.science.muscle_models.inputs import ModelSettings, describe_features
 from stages.science.muscle_models.loop_settings import DesignSettings, Movements, Utility, refuse_repeats
 from stages.science.muscle_models.muscle_set import MuscleSet
@@ -73,10 +73,8 @@ TRIALS = Table(
             low=0,
             optional=True,
         ),
-        "expected_low": column(
-            float, "lower end of its 95 % interval; none after one trial", low=0, nullable=True, optional=True
-        ),
-        "expected_high": column(float, "upper end of it", low=0, nullable=True, optional=True),
+        "expected_low": column(float, "lower end of its 95 % interval", low=0, optional=True),
+        "expected_high": column(float, "upper end of it", low=0, optional=True),
         "expected_below": column(
             float,
             "probability that it is below active_loop.until.error_percent, where that is set",
@@ -87,7 +85,8 @@ TRIALS = Table(
         ),
         "expected_next": column(
             float,
-            "to be expected after the trial that would be chosen next, where active_loop.until.gain_percent is set",
+            "to be expected after the trial that would be chosen next, where active_loop.until.gain_percent is set; "
+            "none after the last trial and where trials are random",
             low=0,
             nullable=True,
             optional=True,
@@ -147,14 +146,26 @@ DECISIONS = Table(
 )
 
 
+Percent = Annotated[float, Field(gt=0, lt=100)]
+
+
 class Until(BaseModel):
     """When an experiment ends before all its trials are done: of what is not null, whichever comes first."""
 
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
-    error_percent: PositiveFloat | None
+    error_percent: Percent | None
     probability: Annotated[float, Field(gt=0, lt=1)]
-    gain_percent: PositiveFloat | None
+    gain_percent: Percent | None
+
+
+class ExpectedError(BaseModel):
+    """How errors in trials differ from what is expected of them, before any trial."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    log_sd: PositiveFloat
+    trials: PositiveInt
 
 
 class ActiveLoop(DesignSettings):
@@ -163,6 +174,7 @@ class ActiveLoop(DesignSettings):
     controls: list[Utility] | None
     control_experiments: PositiveInt | None
     until: Until
+    expected_error: ExpectedError
 
     @model_validator(mode="after")
     def _name_controls_once(self) -> Self:
@@ -445,15 +457,18 @@ class Loop:
         """Return the columns of a trial that say which error is to be expected on the task, if there is one."""
         if not self.tasks:
             return {}
+        section = self.cfg.active_loop
         known = pd.concat([*(part["points"] for part in landed), *points], ignore_index=True)
         executed = [keep_usable(self.cfg.model.extend(part["active_recordings"], [])) for part in landed]
-        forecast = forecast_error(told.models, self.tasks, self.muscles, known, [*executed, usable])
-        until, (low, high) = self.cfg.active_loop.until, forecast.interval
+        forecast = forecast_error(
+            told.models, self.tasks, self.muscles, known, [*executed, usable], Spread(**vars(section.expected_error))
+        )
+        until, (low, high) = section.until, forecast.interval
         columns = {"expected_error": forecast.median, "expected_low": low, "expected_high": high}
         if until.error_percent is not None:
             columns["expected_below"] = forecast.probability_below(until.error_percent / 100.0)
         if until.gain_percent is not None:
-            chosen = self.arm != "random" and trial < self.cfg.active_loop.trials
+            chosen = self.arm != "random" and trial < section.trials
             following = told.ask(self.ctx.generator("random")).trajectory if chosen else None
             columns["expected_next"] = np.nan if following is None else forecast.after(told.foresee(following))
         return columns
@@ -536,9 +551,9 @@ def list_declined(declined: Sequence[pd.DataFrame], trial: int) -> tuple[list[in
 
 
 def describe_expected(part: Part) -> list[str]:
-    """Say which error is to be expected on the task after a trial, where that is known with an interval."""
-    trial = part[TRIALS.name].iloc[0].to_dict()
-    if not np.isfinite(trial.get("expected_high", np.nan)):
+    """Say which error is to be expected on the task after a trial, where there is one."""
+    trial = part[TRIALS.name].iloc[0]
+    if "expected_error" not in trial:
         return []
     told, low, high = (100.0 * trial[name] for name in ("expected_error", "expected_low", "expected_high"))
     return [f"{told:.2g} % of error to be expected on the task (95 %: {low:.2g} to {high:.2g})"]

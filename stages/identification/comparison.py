@@ -1,6 +1,6 @@
 """Learning curves of every arm on measured forces, paired tests of the design against each control, and an advice.
 
-In: `bank` (a test set, with force), `hyperprior`, `scaling`, `models`, `points`, and `unseen_bank` and
+In: `bank` (a test set, with force), `hyperprior`, `scaling`, `models`, `points`, `trials`, and `unseen_bank` and
 `task_movements` (further test sets) where there are some. Out: `learning_curve`, `learning_summary`, `final_errors`,
 `paired_comparison`, `recommendation`.
 This stage only reads: it chooses and measures nothing.
@@ -80,7 +80,7 @@ FINAL_ERRORS = Table(
         "after_sd": column(float, "standard deviation of the latter over experiments", low=0, nullable=True),
         "experiments": column(int, "how many", low=1),
         "trials": column(
-            float, "trials that were executed, mean over experiments, where some ended before the last", optional=True
+            float, "trials that were executed, mean over experiments, where active_loop.until is set", optional=True
         ),
     },
     key=("tested_on", "muscle", "arm"),
@@ -146,6 +146,7 @@ def comparison(
     scaling: pd.DataFrame,
     models: pd.DataFrame,
     points: pd.DataFrame,
+    trials: pd.DataFrame,
     ctx: Context,
     unseen_bank: pd.DataFrame | None = None,
     task_movements: pd.DataFrame | None = None,
@@ -192,7 +193,7 @@ def comparison(
         ctx.figure(name, draw_learning_curves(its, arms, [ALL_MUSCLES, *muscles]), caption)
     compared = pair_arms(common, arms, cfg.comparison.experiments)
     final = describe_final_errors(summary, list(tests), arms, muscles)
-    if common is not kept:
+    if {"expected_below", "expected_next"} & set(trials.columns):
         final["trials"] = final["arm"].map(count_trials(kept))
     return curve, summary, final, compared, recommend(compared, arms[0])
 

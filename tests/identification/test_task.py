@@ -93,7 +93,7 @@ def test_refuses(overrides, told):
 def ended(designed, tmp_path_factory):
     """The same study's tables where experiments end by the error that is to be expected."""
     tables = designed[2]
-    study, stages = read_stages(CHAIN, *DESIGNED, "active_loop.until.error_percent=4.0")
+    study, stages = read_stages(CHAIN, *DESIGNED, "active_loop.until.error_percent=4.5")
     folder = tmp_path_factory.mktemp("ended")
     found = run_stage(study, stages["active_loop"], folder, tables)
     return found | run_stage(study, stages["comparison"], folder, {**tables, **found})
@@ -122,11 +122,10 @@ def test_an_experiment_that_ended_keeps_its_last_error_where_arms_are_compared(e
 
 
 def test_an_experiment_ends_where_the_next_trial_would_gain_too_little(designed, tmp_path):
-    study, stages = read_stages(CHAIN, "active_loop.controls=[]", "active_loop.until.gain_percent=100.0")
+    study, stages = read_stages(CHAIN, "active_loop.controls=[]", "active_loop.until.gain_percent=99.0")
     trials = run_stage(study, stages["active_loop"], tmp_path, designed[2])["trials"]
     assert len(trials) == 1
     assert 0.0 < trials["expected_next"].iloc[0] < trials["expected_error"].iloc[0]
-    assert np.isnan(trials["expected_high"].iloc[0])
 
 
 def test_an_end_by_the_task_is_refused_without_one():

@@ -30,13 +30,13 @@ def draw_expected_errors(trials: pd.DataFrame, limit: float | None) -> Figure:
         label = "other experiments" if not position else None
         axis.plot(its["trial"], its["expected_error"], color=OTHERS, linewidth=0.8, label=label)
     (participant, experiment), its = experiments[0]
-    known = its.dropna(subset=told)
-    axis.fill_between(known["trial"], known["expected_low"], known["expected_high"], color=COLOURS[0], alpha=0.15, lw=0)
-    name = f"{participant}, experiment {experiment}, 95 % interval"
-    axis.plot(its["trial"], its["expected_error"], "o-", color=COLOURS[0], markersize=4, label=name)
+    reach = abs(its[["expected_low", "expected_high"]].sub(its["expected_error"], axis=0)).to_numpy().T
+    bars = {"markersize": 4, "capsize": 3, "label": f"{participant}, experiment {experiment}, 95 % interval"}
+    axis.errorbar(its["trial"], its["expected_error"], reach, fmt="o-", color=COLOURS[0], **bars)
     if limit is not None:
         axis.axhline(100.0 * limit, color="#2b2b2b", linestyle="--", linewidth=1.0, label="ends below")
-    axis.set(xlabel="trial", ylabel="error rate to be expected (%)", ylim=(0, 2.0 * percent["expected_error"].max()))
+    axis.set(xlabel="trial", ylabel="error rate to be expected (%)", ylim=(0, None))
+    axis.set_xlim(0.5, percent["trial"].max() + 0.5)
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
     axis.grid(alpha=0.25)
     axis.legend(frameon=False, fontsize=9)

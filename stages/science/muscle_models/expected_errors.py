@@ -3,8 +3,10 @@
 What models expect of themselves over the task, and what they expected and what was measured in each executed trial when
 its points were left out, flow in; a distribution of the error rate on the task flows out. Models whose inputs do not
 tell all that force depends on are surer than they may be: how much, the trials left out tell. The ratio of measured to
-expected error is taken as log-normal, alike in trials and on the task, and its next value is predicted from those of K
-trials by Student's t (a normal sample's predictive distribution: Geisser, Predictive Inference, 1993).
+expected error is taken as log-normal, alike in trials and on the task. Its next value is predicted from those of K
+trials by Student's t: the predictive distribution of a normal sample whose mean has a flat prior and whose variance an
+inverse gamma one (Gelman et al., Bayesian Data Analysis, 2013, section 3.3). Without the latter, two trials that happen
+to agree would end an experiment.
 """
 
 from collections.abc import Sequence
@@ -27,6 +29,14 @@ LEVEL = 0.95
 
 
 @dataclass(frozen=True)
+class Spread:
+    """The SD of the logarithm of measured over expected errors before any trial, and how many trials it counts for."""
+
+    log_sd: float
+    trials: int
+
+
+@dataclass(frozen=True)
 class ErrorForecast:
     """The error rate on the task, averaged over muscles: log-normal, told by K trials that were left out.
 
@@ -36,21 +46,28 @@ class ErrorForecast:
         What each muscle's model expects, in standard units, and the factor that makes it an error rate.
     left_out : (K, 2) float array
         Error rates of the trials, averaged over muscles: expected and measured.
+    spread : Spread
+        Of the ratio between the two, before any trial.
     """
 
     expected: Array
     rates: Array
     left_out: Array
+    spread: Spread
 
     @property
     def _ratios(self) -> Array:
         return np.log(self.left_out[:, 1] / self.left_out[:, 0])
 
     @property
+    def _freedom(self) -> int:
+        return self.spread.trials + len(self.left_out) - 1
+
+    @property
     def _scale(self) -> float:
-        """Of the logarithm's next value; not a number where one trial says nothing of it."""
-        count = len(self.left_out)
-        return float(self._ratios.std(ddof=1) * np.sqrt(1.0 + 1.0 / count)) if count > 1 else np.nan
+        """Of the logarithm's next value."""
+        squares = self.spread.trials * self.spread.log_sd**2 + np.square(self._ratios - self._ratios.mean()).sum()
+        return float(np.sqrt(squares / self._freedom * (1.0 + 1.0 / len(self.left_out))))
 
     @property
     def median(self) -> float:
@@ -64,13 +81,13 @@ class ErrorForecast:
 
     @property
     def interval(self) -> tuple[float, float]:
-        """The ends of the error rate's 95 % interval; not numbers after one trial."""
-        reach = np.exp(stats.t.ppf(0.5 + 0.5 * LEVEL, len(self.left_out) - 1) * self._scale)
+        """The ends of the error rate's 95 % interval."""
+        reach = np.exp(stats.t.ppf(0.5 + 0.5 * LEVEL, self._freedom) * self._scale)
         return float(self.median / reach), float(self.median * reach)
 
     def probability_below(self, limit: float) -> float:
-        """Return how probable an error rate below a limit is; not a number after one trial."""
-        return float(stats.t.cdf(np.log(limit / self.median) / self._scale, len(self.left_out) - 1))
+        """Return how probable an error rate below a limit is."""
+        return float(stats.t.cdf(np.log(limit / self.median) / self._scale, self._freedom))
 
 
 def forecast_error(
@@ -79,6 +96,7 @@ def forecast_error(
     muscles: MuscleSet,
     points: pd.DataFrame,
     executed: Sequence[pd.DataFrame],
+    spread: Spread,
 ) -> ErrorForecast:
     """Return the error rate to be expected on the task.
 
@@ -92,6 +110,8 @@ def forecast_error(
         Rows of the table `points`, those of a muscle in the order of its model's.
     executed : sequence over K trials of DataFrame
         Their recordings, trial 1 first.
+    spread : Spread
+        Of measured over expected errors, before any trial.
     """
     standard = [muscles.standardise(each) for each in executed]
     expected, rates, left_out = [], [], []
@@ -105,4 +125,4 @@ def forecast_error(
         rates.append(float(np.ptp(scaling.restore_force(np.array([0.0, 1.0])))) / float(np.abs(force).max()))
         expected.append(expect_error(model, tasks[m]))
         left_out.append(rates[-1] * leave_trials_out(model, trials, samples))
-    return ErrorForecast(np.array(expected), np.array(rates), np.mean(left_out, axis=0))
+    return ErrorForecast(np.array(expected), np.array(rates), np.mean(left_out, axis=0), spread)

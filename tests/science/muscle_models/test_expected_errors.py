@@ -6,49 +6,61 @@ import pytest
 
 from stages.science.gp.marginal import condition
 from stages.science.muscle_models.error_rates import ForceTest
-from stages.science.muscle_models.expected_errors import ErrorForecast, forecast_error
+from stages.science.muscle_models.expected_errors import ErrorForecast, Spread, forecast_error
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.signals.scaling import MODEL_INPUTS
 from tests.science.muscle_models.data import HYPERPARAMETERS, make_tables
+
+SPREAD = Spread(0.3, 3)
 
 
 def forecast(ratios):
     """Models that expect 1, where the measured error was so many times the expected one."""
     ratios = np.asarray(ratios)
-    return ErrorForecast(np.ones(2), np.ones(2), np.column_stack([np.full(len(ratios), 0.1), 0.1 * ratios]))
+    left_out = np.column_stack([np.full(len(ratios), 0.1), 0.1 * ratios])
+    return ErrorForecast(np.ones(2), np.ones(2), left_out, SPREAD)
 
 
-@pytest.mark.parametrize("trials", [2, 5, 10])
+def draw_ratios(trials, mean, generator):
+    """Draw the SD of the logarithm as the prior says, and so many ratios of it."""
+    log_sd = SPREAD.log_sd * np.sqrt(SPREAD.trials / generator.chisquare(SPREAD.trials))
+    return np.exp(generator.normal(mean, log_sd, trials))
+
+
+@pytest.mark.parametrize("trials", [1, 2, 10])
 def test_intervals_and_probabilities_hold_what_they_say_of_log_normal_ratios(trials, generator):
-    below, inside = [], []
-    for _ in range(1000):
-        *ratios, following = np.exp(generator.normal(0.4, 0.3, trials + 1))
+    inside, ended = [], []
+    for _ in range(2000):
+        *ratios, following = draw_ratios(trials + 1, 0.4, generator)
         told = forecast(ratios)
         low, high = told.interval
         inside.append(low < following < high)
-        below.append((told.probability_below(1.8) >= 0.9, following < 1.8))
-    assert np.mean(inside) == pytest.approx(0.95, abs=0.02)
-    ends = [came for said, came in below if said]
-    assert np.mean(ends) > 0.6 if trials == 2 else 0.8
+        limit = 1.5 * told.median
+        if told.probability_below(limit) >= 0.8:
+            ended.append((told.probability_below(limit), following < limit))
+    assert np.mean(inside) == pytest.approx(0.95, abs=0.015)
+    if trials == 10:
+        said, came = np.mean(ended, axis=0)
+        assert came == pytest.approx(said, abs=0.03)
 
 
 def test_probabilities_are_uniform_over_limits_that_come(generator):
     drawn = []
     for _ in range(1000):
-        *ratios, following = np.exp(generator.normal(-0.2, 0.5, 5))
+        *ratios, following = draw_ratios(5, -0.2, generator)
         drawn.append(forecast(ratios).probability_below(following))
     for share in (0.1, 0.5, 0.9):
         assert np.mean(np.array(drawn) < share) == pytest.approx(share, abs=0.04)
 
 
-def test_one_trial_tells_a_median_and_no_interval():
-    told = forecast([1.5])
-    assert told.median == pytest.approx(1.5)
-    assert np.isnan([*told.interval, told.probability_below(2.0)]).all()
+def test_two_trials_that_agree_do_not_make_sure():
+    apart = np.diff(np.log(forecast([1.5, 1.5]).interval)), np.diff(np.log(forecast([1.5] * 50).interval))
+    assert apart[0] > 1.0
+    assert apart[1] < 0.5
 
 
 def test_gains_are_taken_from_the_variance_of_each_muscle():
-    told = ErrorForecast(np.array([3.0, 5.0]), np.array([0.01, 0.02]), np.array([[0.1, 0.2], [0.1, 0.2]]))
+    told = ErrorForecast(np.array([3.0, 5.0]), np.array([0.01, 0.02]), np.array([[0.1, 0.2], [0.1, 0.2]]), SPREAD)
     assert told.median == pytest.approx(2 * (0.03 + 0.10) / 2)
     assert told.after(np.array([5.0, 9.0])) == pytest.approx(2 * (0.02 + 0.08) / 2)
 
@@ -78,7 +90,7 @@ def test_the_error_that_comes_is_the_one_that_was_expected(unmodelled_n, surer_t
         points = pd.concat([each.groupby("muscle").head(8).assign(trial=k) for k, each in enumerate(trials[:11])])
         known = zip(*muscles.standardise(points), muscles.priors, strict=True)
         models = [condition(x, y, theta, prior) for x, y, prior in known]
-        told = forecast_error(models, muscles.inputs_of(task), muscles, points, trials[1:11])
+        told = forecast_error(models, muscles.inputs_of(task), muscles, points, trials[1:11], SPREAD)
         rate = np.mean(ForceTest.read("task", task, muscles).error_rates(models))
         low, high = told.interval
         inside.append(low < rate < high)
