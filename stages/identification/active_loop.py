@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
 
 from pipeline.config import Section, Target, View
 from pipeline.context import Context
@@ -159,22 +159,13 @@ class Until(BaseModel):
     gain_percent: Percent | None
 
 
-class ExpectedError(BaseModel):
-    """How errors in trials differ from what is expected of them, before any trial."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
-
-    log_sd: PositiveFloat
-    trials: PositiveInt
-
-
 class ActiveLoop(DesignSettings):
     """Config group ``active_loop``."""
 
     controls: list[Utility] | None
     control_experiments: PositiveInt | None
     until: Until
-    expected_error: ExpectedError
+    expected_error: Spread
 
     @model_validator(mode="after")
     def _name_controls_once(self) -> Self:
@@ -461,7 +452,7 @@ class Loop:
         known = pd.concat([*(part["points"] for part in landed), *points], ignore_index=True)
         executed = [keep_usable(self.cfg.model.extend(part["active_recordings"], [])) for part in landed]
         forecast = forecast_error(
-            told.models, self.tasks, self.muscles, known, [*executed, usable], Spread(**vars(section.expected_error))
+            told.models, self.tasks, self.muscles, known, [*executed, usable], section.expected_error
         )
         until, (low, high) = section.until, forecast.interval
         columns = {"expected_error": forecast.median, "expected_low": low, "expected_high": high}

@@ -84,7 +84,7 @@ def look_at(name, request):
 @pytest.mark.parametrize("name", NAMES)
 def test_the_figures_in_docs_are_those_of_this_search_or_are_marked_outdated(name, request):
     if OUTDATED in SCORECARD.read_text():
-        return  # whatever the search says now
+        pytest.skip("docs/scorecard.md is marked outdated, whatever the search says now")
     said, stored = look_at(name, request), yaml.safe_load(STORED.read_text())[name]
     assert is_same(said, stored), (
         f"{name}: {stored} became {said}. Run workflow=scorecard anew, put its figures into docs/scorecard.md, and run "

@@ -14,6 +14,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt
 from scipy import stats
 
 from stages.science.gp.expected_error import expect_error, leave_trials_out
@@ -28,12 +29,13 @@ LEVEL = 0.95
 """Of intervals."""
 
 
-@dataclass(frozen=True)
-class Spread:
+class Spread(BaseModel):
     """The SD of the logarithm of measured over expected errors before any trial, and how many trials it counts for."""
 
-    log_sd: float
-    trials: int
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    log_sd: PositiveFloat
+    trials: PositiveInt
 
 
 @dataclass(frozen=True)

@@ -11,7 +11,7 @@ from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.signals.scaling import MODEL_INPUTS
 from tests.science.muscle_models.data import HYPERPARAMETERS, make_tables
 
-SPREAD = Spread(0.3, 3)
+SPREAD = Spread(log_sd=0.3, trials=3)
 
 
 def forecast(ratios):
