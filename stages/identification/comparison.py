@@ -18,7 +18,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
-from stages.science.muscle_models.error_rates import ALL_MUSCLES, average_muscles, carry_forward
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, ENDED, average_muscles, carry_forward
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.signals.measures import error_rate
@@ -180,7 +180,7 @@ def comparison(
     kept = keep_common(curve, len(arms))
     common = carry_forward(kept)
     summary = summarise(common, list(tests), arms, muscles)
-    ended = "" if common is kept else " Experiments that ended before keep their last error."
+    ended = "" if common is kept else ENDED
     for tested_on in tests:
         its = summary[summary["tested_on"] == tested_on]
         caption = (

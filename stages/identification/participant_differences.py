@@ -16,7 +16,13 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
-from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average, carry_forward, summarise_error_rates
+from stages.science.muscle_models.error_rates import (
+    ALL_MUSCLES,
+    ENDED,
+    add_average,
+    carry_forward,
+    summarise_error_rates,
+)
 from stages.science.statistics.equivalence import judge_equivalence
 from stages.science.statistics.groups import compare_groups
 from stages.science.statistics.verdicts import LEVEL, judge_with_equivalence
@@ -73,12 +79,14 @@ class Config(Section):
 def participant_differences(cfg: Config, learning_curve: pd.DataFrame, ctx: Context) -> pd.DataFrame:
     """Compare the participants' error rates in the design's arm."""
     design = learning_curve["arm"].iloc[0]
-    curve = add_average(carry_forward(learning_curve[learning_curve["arm"] == design].drop(columns="arm")))
+    executed = learning_curve[learning_curve["arm"] == design].drop(columns="arm")
+    carried = carry_forward(executed)
+    curve = add_average(carried)
     muscles = [ALL_MUSCLES, *learning_curve["muscle"].unique()]
     people = list(curve["participant"].unique())
     caption = (
         f"Error rate after each trial of the design ({design}), for every participant: mean and SD over "
-        f"each one's {curve['experiment'].nunique()} experiments, tested on {curve['tested_on'].iloc[0]}."
+        f"each one's {curve['experiment'].nunique()} experiments, tested on {curve['tested_on'].iloc[0]}.{'' if carried is executed else ENDED}"
     )
     shown = curve[curve["tested_on"] == curve["tested_on"].iloc[0]]
     shown = summarise_error_rates(shown, ["participant", "trial", "muscle"])

@@ -17,6 +17,8 @@ from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
 
 ALL_MUSCLES = "mean"
 """What tables call the average over muscles."""
+ENDED = " Experiments that ended before keep their last error."
+"""What captions say where errors were carried forward."""
 
 
 def carry_forward(errors: pd.DataFrame) -> pd.DataFrame:
