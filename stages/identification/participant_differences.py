@@ -82,11 +82,12 @@ def participant_differences(cfg: Config, learning_curve: pd.DataFrame, ctx: Cont
     executed = learning_curve[learning_curve["arm"] == design].drop(columns="arm")
     carried = carry_forward(executed)
     curve = add_average(carried)
+    ended = "" if carried is executed else ENDED
     muscles = [ALL_MUSCLES, *learning_curve["muscle"].unique()]
     people = list(curve["participant"].unique())
     caption = (
         f"Error rate after each trial of the design ({design}), for every participant: mean and SD over "
-        f"each one's {curve['experiment'].nunique()} experiments, tested on {curve['tested_on'].iloc[0]}.{'' if carried is executed else ENDED}"
+        f"each one's {curve['experiment'].nunique()} experiments, tested on {curve['tested_on'].iloc[0]}.{ended}"
     )
     shown = curve[curve["tested_on"] == curve["tested_on"].iloc[0]]
     shown = summarise_error_rates(shown, ["participant", "trial", "muscle"])
