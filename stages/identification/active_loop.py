@@ -9,7 +9,7 @@ choose trajectories and in nothing else.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from itertools import count
 from typing import Annotated, Any, ClassVar, Self
@@ -37,7 +37,7 @@ from stages.science.muscle_models.samples import keep_usable, spread_evenly, tak
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.attendance import TrialDeclined
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Rig
-from stages.science.rig.reference import track
+from stages.science.rig.reference import describe_sources, exchange_pressures, read_sources, track
 from stages.science.rig.trial import Proposal
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
 
@@ -61,6 +61,11 @@ TRIALS = Table(
         ),
         "runner_up": column(float, "utility of the best trajectory that was not chosen", nullable=True),
         "available": column(int, "trajectories that could be chosen", low=1),
+        "pressures_from": column(
+            str,
+            "movements that pressures were taken from, as 'pam1 3, pam2 17', with active_loop.exchange_pressures=true",
+            optional=True,
+        ),
         "surprise": column(
             float,
             "error rate of the models' prediction of the trial's forces before they learned from it, mean over muscles",
@@ -162,6 +167,7 @@ class Until(BaseModel):
 class ActiveLoop(DesignSettings):
     """Config group ``active_loop``."""
 
+    exchange_pressures: bool
     controls: list[Utility] | None
     control_experiments: PositiveInt | None
     until: Until
@@ -309,7 +315,9 @@ def active_loop(
     )
     pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
     groups = {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}
-    ctx.figure("selected_interactions", draw_chosen_trials(chosen, references, groups), caption)
+    ctx.figure(
+        "selected_interactions", draw_chosen_trials(chosen, gather_commands(chosen, references), groups), caption
+    )
     if tasks:
         caption = (
             f"Error rate, mean over muscles, to be expected on the task after each trial chosen by {arms[0]}: what the "
@@ -318,6 +326,15 @@ def active_loop(
         limit = cfg.active_loop.until.error_percent
         ctx.figure("expected_error", draw_expected_errors(designed, None if limit is None else limit / 100.0), caption)
     return tables
+
+
+def gather_commands(chosen: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
+    """Return the references and pressure commands of chosen trials, with a column trial."""
+    frames = []
+    for row in chosen.to_dict("records"):
+        sources = read_sources(row.get("pressures_from", ""))
+        frames.append(exchange_pressures(references, int(row["trajectory"]), sources).assign(trial=row["trial"]))
+    return pd.concat(frames, ignore_index=True)
 
 
 def check_budget(section: ActiveLoop, movements: int, initial: int) -> None:
@@ -423,7 +440,9 @@ class Loop:
         left = [each for each in available if each not in rejected]
         out = {*rejected, *skipped} if set(left) - set(skipped) else set(rejected)  # all skipped: the first again
         choice = interaction.ask(generator, but=self.muscles.indices(sorted(out)))
-        described = describe_choice(choice, interaction, self.muscles)
+        described: dict[str, Any] = describe_choice(choice, interaction, self.muscles)
+        if choice.sources:
+            described["pressures_from"] = describe_sources(self.name_sources(choice))
         samples = self.execute(choice, described, trial, landed, len(left), rig)
         usable = keep_usable(self.cfg.model.extend(samples, []))
         surprise = float(np.mean(ForceTest.read("trial", usable, self.muscles).error_rates(interaction.models)))
@@ -460,7 +479,7 @@ class Loop:
             columns["expected_below"] = forecast.probability_below(until.error_percent / 100.0)
         if until.gain_percent is not None:
             chosen = self.arm != "random" and trial < section.trials
-            following = told.ask(self.ctx.generator("random")).trajectory if chosen else None
+            following = told.ask(self.ctx.generator("random")) if chosen else None
             columns["expected_next"] = np.nan if following is None else forecast.after(told.foresee(following))
         return columns
 
@@ -476,7 +495,10 @@ class Loop:
 
     def resume(self, landed: Parts) -> Interaction:
         """Return the state by what the trials so far left on disk, or by the initial points, and by nothing else."""
-        muscles, design = self.muscles, self.cfg.active_loop.design(self.muscles.mean, self.arm)
+        muscles, section = self.muscles, self.cfg.active_loop
+        design = section.design(self.muscles.mean, self.arm)
+        if section.exchange_pressures:
+            design = replace(design, exchanged=self.cfg.model.pressure_inputs)
         points = pd.concat([part["points"] for part in landed], ignore_index=True) if landed else self.start
         inputs, outputs = muscles.standardise(points)
         used = muscles.indices([*self.initial, *(int(part["trials"]["trajectory"].iloc[0]) for part in landed)])
@@ -503,7 +525,7 @@ class Loop:
         ]
 
     def execute(
-        self, choice: Choice, described: dict[str, int | float], trial: int, landed: Parts, left: int, rig: Rig
+        self, choice: Choice, described: dict[str, Any], trial: int, landed: Parts, left: int, rig: Rig
     ) -> pd.DataFrame:
         """Execute the chosen trajectory; arms share the person's and the sensors' noise at equal trial number."""
         label = f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}"
@@ -523,7 +545,13 @@ class Loop:
         )
         watch = self.ctx.record.watch(self.key(trial))
         number = self.first + trial - 1
-        return track(self.references, trajectory, rig, self.participant, label, generator, watch, number, proposal)
+        rows = exchange_pressures(self.references, trajectory, self.name_sources(choice))
+        return track(rows, trajectory, rig, self.participant, label, generator, watch, number, proposal)
+
+    def name_sources(self, choice: Choice) -> dict[str, int]:
+        """Return the movements that pressures are taken from, by muscle; none where they are not exchanged."""
+        names = self.muscles.names if choice.sources else []
+        return {name: self.muscles.trajectories[source] for name, source in zip(names, choice.sources, strict=True)}
 
     def label(self, frame: pd.DataFrame, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""
@@ -550,11 +578,14 @@ def describe_expected(part: Part) -> list[str]:
     return [f"{told:.2g} % of error to be expected on the task (95 %: {low:.2g} to {high:.2g})"]
 
 
-def explain(described: dict[str, int | float], arm: str) -> str:
+def explain(described: dict[str, Any], arm: str) -> str:
     """Say why a movement was chosen."""
+    movement = f"movement {described['trajectory']} of the bank"
+    if "pressures_from" in described:
+        movement += f" with pressures of other movements ({described['pressures_from']})"
     if np.isnan(described["utility"]):
-        return f"movement {described['trajectory']} of the bank, drawn at random"
-    told = f"movement {described['trajectory']} of the bank tells most: utility {arm} {described['utility']:.4g}"
+        return f"{movement}, drawn at random"
+    told = f"{movement} tells most: utility {arm} {described['utility']:.4g}"
     if np.isnan(described["runner_up"]):
         return f"{told}; no other is left"
     return f"{told}, the next best's {described['runner_up']:.4g}"

@@ -10,6 +10,7 @@ import pytest
 from omegaconf import OmegaConf
 
 from stages.science.muscle_models.inputs import ModelSettings
+from stages.science.rig.reference import read_sources
 from tests.composing import compose_values
 from tests.conftest import TINY, Command
 from tests.faults import find_parts, tables_of, wait_until
@@ -116,6 +117,25 @@ def test_picks_are_the_same_with_the_force_of_the_bank_set_to_nan(run, tmp_path)
     assert tables["bank"]["force_n"].isna().all()
     for name in ("trials", "points", "models"):
         pd.testing.assert_frame_equal(tables[name], read(run, name), check_exact=True)
+
+
+def test_a_trial_may_take_each_muscles_pressures_from_another_movement(run, tmp_path):
+    listed, keys = ["bank", *BEFORE[1:], "active_loop"], ["active_loop.exchange_pressures=true", "active_loop.trials=2"]
+    study, stages = read_stages(listed, *keys, "active_loop.controls=[random]")
+    tables = {table: read(run, table) for name in BEFORE for table in [each.name for each in stages[name].writes]}
+    found = run_stage(study, stages["active_loop"], tmp_path, tables)
+    assert set(found["trials"]["arm"]) == {"integrated_variance", "random"}
+    bank, recorded = (each.set_index(["muscle", "time_s"]) for each in (tables["bank"], found["active_recordings"]))
+    others = 0
+    for row in found["trials"].to_dict("records"):
+        sources = read_sources(row["pressures_from"])
+        trial = recorded.query("arm == @row['arm'] and trial == @row['trial']")
+        assert list(sources) == list(tables["hyperprior"]["muscle"].unique())
+        for muscle, source in sources.items():
+            asked = bank[bank["trajectory"] == source].loc[muscle, "pressure_command_kpa"]
+            np.testing.assert_allclose(trial.loc[muscle, "pressure_command_kpa"], asked, atol=1e-9)
+            others += source != row["trajectory"]
+    assert others > 6
 
 
 @pytest.mark.slow

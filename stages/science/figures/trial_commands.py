@@ -19,11 +19,11 @@ MOST_POINTS = 100
 
 
 def draw_chosen_trials(
-    chosen: pd.DataFrame, references: pd.DataFrame, muscles_of_joint: Mapping[str, Sequence[str]]
+    chosen: pd.DataFrame, commands: pd.DataFrame, muscles_of_joint: Mapping[str, Sequence[str]]
 ) -> Figure:
     """Draw references and pressure commands in the order of the trials, in panels for each joint and its muscles.
 
-    `chosen` has a row per trial with columns trial and trajectory; references have trajectory, muscle, time_s,
+    `chosen` has a row per trial with columns trial and trajectory; commands have trial, muscle, time_s,
     joint_angle_rad and pressure_command_kpa.
     """
     panels = []
@@ -31,11 +31,11 @@ def draw_chosen_trials(
         panels.append((f"{joint}\nangle (rad)", muscles[0], "joint_angle_rad", ANGLE_COLOUR))
         panels += [(f"{name}\npressure (kPa)", name, "pressure_command_kpa", PRESSURE_COLOUR) for name in muscles]
     figure, axes = new_figure(11.0, 1.25 * len(panels) + 0.6, len(panels), sharex=True)
-    _, duration_s = _read_times(references)
+    _, duration_s = _read_times(commands)
     for (axis,), (label, muscle, quantity, colour) in zip(axes, panels, strict=True):
-        its = references[references["muscle"] == muscle]
-        for position, trajectory in enumerate(chosen["trajectory"]):
-            samples = its[its["trajectory"] == trajectory]
+        its = commands[commands["muscle"] == muscle]
+        for position, trial in enumerate(chosen["trial"]):
+            samples = its[its["trial"] == trial]
             axis.plot(samples["time_s"] + position * duration_s, samples[quantity], color=colour, linewidth=1.2)
             axis.axvline(position * duration_s, color="#dde3ea", linewidth=0.8, zorder=0)
         axis.set_ylabel(label, fontsize=9)

@@ -14,6 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg import solve_triangular
 from scipy.spatial.distance import cdist
 
 from stages.science.gp.kernel import Array
@@ -50,12 +51,35 @@ class TaskVariance:
         whitened = self._whiten(trajectories.reshape(-1, trajectories.shape[-1])).reshape(-1, *trajectories.shape[:2])
         return np.array([self._pick(each, whitened[:, r], count)[1] for r, each in enumerate(trajectories)])
 
+    def take(self, trajectories: Array) -> Array:
+        """Return what all samples of each of (R, T, D) trajectories take together, (R,)."""
+        count, samples, inputs = trajectories.shape
+        check_count(1, samples)
+        points = check_points(trajectories.reshape(-1, inputs), self._lengths.size)
+        whitened = self._whiten(points)
+        across = self._covary(points / self._lengths, self._task / self._lengths) - whitened.T @ self._whitened_task
+        across = across.reshape(count, samples, -1)
+        whitened = whitened.T.reshape(count, samples, -1)
+        scaled = (points / self._lengths).reshape(count, samples, -1)
+        among = np.array([self._covary(each, each) for each in scaled]) - whitened @ whitened.swapaxes(1, 2)
+        among[:, np.arange(samples), np.arange(samples)] += self._noise
+        lower = np.linalg.cholesky(among)
+        return np.array(
+            [
+                np.square(solve_triangular(its, each, lower=True, check_finite=False)).sum()
+                for its, each in zip(lower, across, strict=True)
+            ]
+        ) / len(self._task)
+
+    def _covary(self, one: Array, other: Array) -> Array:
+        """Return the prior covariance of inputs in units of the lengths."""
+        return np.asarray(self._signal * np.exp(-0.5 * cdist(one, other, "sqeuclidean")))
+
     def _pick(
         self, inputs: Array, whitened: Array, count: int, displace: Displace | None = None
     ) -> tuple[NDArray[np.intp], float]:
         scaled = inputs / self._lengths
-        squares = cdist(scaled, self._task / self._lengths, "sqeuclidean")
-        across = self._signal * np.exp(-0.5 * squares) - whitened.T @ self._whitened_task
+        across = self._covary(scaled, self._task / self._lengths) - whitened.T @ self._whitened_task
         variance = np.maximum(self._signal - np.square(whitened).sum(axis=0), 0.0)
         norms = np.einsum("tq,tq->t", across, across)
         picks: list[int] = []

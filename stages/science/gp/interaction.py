@@ -15,9 +15,12 @@ from numpy.typing import NDArray
 
 from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE, TaskVariance, reduce_task_variance
 from stages.science.gp.kernel import Array
-from stages.science.gp.knowledge import Knowledge, Policy, check_muscles, check_trajectories
+from stages.science.gp.knowledge import Choice, Knowledge, Policy, check_muscles, check_trajectories
 from stages.science.gp.marginal import MarginalGP, condition, fit
 from stages.science.gp.subsample import Displace, check_count, subsample
+
+SOURCE_TASK = 100
+"""Task inputs, about, over which sources of exchanged inputs are compared; the best ones are scored over all."""
 
 
 @dataclass(frozen=True)
@@ -26,7 +29,7 @@ class Design(Policy):
 
     Parameters
     ----------
-    utility, reduce, reuse_trajectories, mean, memory_mb
+    utility, reduce, reuse_trajectories, mean, memory_mb, exchanged
         As in `Policy`.
     subsample_utility : str
         What a recording's samples are picked by; a name in `UTILITIES`, ``integrated_variance`` or ``random``.
@@ -74,29 +77,41 @@ class Interaction(Knowledge):
         """Samples of a trajectory to which a joint utility takes one."""
         return self.design.joint_every
 
-    def _score(self) -> Array:
+    def _score(self, candidates: Sequence[Array]) -> Array:
         if self.design.utility != INTEGRATED_VARIANCE:
-            return super()._score()
+            return super()._score(candidates)
         check_muscles(len(self.priors), self.tasks)
-        return reduce_task_variance(self.models, self.tasks, *self._thin())
+        return reduce_task_variance(self.models, self.tasks, *self._thin(candidates))
 
-    def _thin(self) -> tuple[list[Array], int]:
+    def _thin(self, candidates: Sequence[Array]) -> tuple[list[Array], int]:
         """Return the candidates that are scored together, and how many a trial gives: as many at least are left."""
-        samples = self.candidates[0].shape[1]
+        samples = candidates[0].shape[1]
         count = min(self.design.points_per_trial, samples)
-        return [each[:, :: min(self.stride, samples // count)] for each in self.candidates], count
+        return [each[:, :: min(self.stride, samples // count)] for each in candidates], count
 
-    def foresee(self, trajectory: int) -> Array:
-        """Return what the best samples of a trajectory would take from each muscle's mean variance over its task, (M,).
+    def _thin_sources(self) -> list[Array]:
+        samples = self.candidates[0].shape[1]
+        return [each[:, :: samples // min(self.design.points_per_trial, samples)] for each in self.candidates]
+
+    def _score_muscle(self, muscle: int, inputs: Array) -> Array:
+        if self.design.utility != INTEGRATED_VARIANCE:
+            return super()._score_muscle(muscle, inputs)
+        task = self.tasks[muscle][:: max(1, len(self.tasks[muscle]) // SOURCE_TASK)]
+        return TaskVariance(self.models[muscle], task).take(inputs)
+
+    def foresee(self, choice: Choice) -> Array:
+        """Return what the best samples of a choice would take from each muscle's mean variance over its task, (M,).
 
         A `ValueError` says that there is no such trajectory, or no task.
         """
-        check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
+        check_trajectories("trajectory: expected 0 to", [choice.trajectory, *choice.sources], self.candidates)
         check_muscles(len(self.priors), self.tasks)
-        thinned, count = self._thin()
+        count = len(self.candidates[0])
+        exchanged = self.exchange([np.full(count, each) for each in choice.sources])
+        thinned, count = self._thin(exchanged)
         return np.array(
             [
-                TaskVariance(model, task).pick(inputs[trajectory], count)[1]
+                TaskVariance(model, task).pick(inputs[choice.trajectory], count)[1]
                 for model, task, inputs in zip(self.models, self.tasks, thinned, strict=True)
             ]
         )

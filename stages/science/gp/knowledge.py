@@ -6,7 +6,7 @@ The bank's inputs and the muscles' models flow in; the trajectory to execute flo
 
 from abc import ABC, abstractmethod
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Self
 
 import numpy as np
@@ -34,6 +34,9 @@ class Policy:
         Of the models: ``zero`` or ``constant``.
     memory_mb : float
         Bound on the working memory of a bank's scores (MB).
+    exchanged : tuple of int
+        Inputs that each muscle may take from another trajectory of the bank than the one that is executed; none where
+        trajectories are executed as they are.
     """
 
     utility: str
@@ -41,14 +44,19 @@ class Policy:
     reuse_trajectories: bool
     mean: str
     memory_mb: float
+    exchanged: tuple[int, ...] = field(default=(), kw_only=True)
 
 
 @dataclass(frozen=True)
 class Choice:
-    """A trajectory's index in the bank, and the (R,) utilities, minus infinity where excluded; None at random."""
+    """A trajectory's index in the bank, and the (R,) utilities, minus infinity where excluded; None at random.
+
+    `sources` are the trajectories that the M muscles' exchanged inputs are taken from; empty where none is exchanged.
+    """
 
     trajectory: int
     scores: Array | None
+    sources: tuple[int, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -164,17 +172,58 @@ class Knowledge(ABC):
                 "record a larger bank or allow reuse"
             )
         if self.design.utility == "random":
-            return Choice(int(generator.choice(available)), None)
-        scores = self._score()
+            trajectory = int(generator.choice(available))
+            count = len(self.candidates[0])
+            sources = [int(generator.integers(count)) for _ in self.candidates if self.design.exchanged]
+            return Choice(trajectory, None, tuple(sources))
+        found = self._find_sources()
+        scores = self._score(self.exchange(found))
         scores[~np.isin(np.arange(len(scores)), available)] = -np.inf
-        return Choice(int(np.argmax(scores)), scores)
+        best = int(np.argmax(scores))
+        return Choice(best, scores, tuple(int(each[best]) for each in found))
 
-    def _score(self) -> Array:
+    def exchange(self, sources: Sequence[NDArray[np.intp]]) -> tuple[Array, ...]:
+        """Return the candidates with exchanged inputs, from the (R,) sources of each muscle; as they are without."""
+        if not sources:
+            return self.candidates
+        columns, exchanged = list(self.design.exchanged), []
+        for inputs, its in zip(self.candidates, sources, strict=True):
+            exchanged.append(inputs.copy())
+            exchanged[-1][..., columns] = inputs[its][..., columns]
+        return tuple(exchanged)
+
+    def _find_sources(self) -> list[NDArray[np.intp]]:
+        """Return the best source of exchanged inputs for each muscle and trajectory, (R,) each; none without.
+
+        As a utility is a sum over muscles, each muscle's best sources make the best of the R^M combinations. They are
+        found on as many even samples as a trial may give.
+        """
+        if not self.design.exchanged:
+            return []
+        count = len(self.candidates[0])
+        found = []
+        for muscle, inputs in enumerate(self._thin_sources()):
+            best = np.empty(count, dtype=np.intp)
+            for trajectory, samples in enumerate(inputs):
+                block = np.repeat(samples[None], count, axis=0)
+                block[..., list(self.design.exchanged)] = inputs[..., list(self.design.exchanged)]
+                best[trajectory] = int(np.argmax(self._score_muscle(muscle, block)))
+            found.append(best)
+        return found
+
+    def _thin_sources(self) -> Sequence[Array]:
+        """Return the samples of each muscle's candidates by which sources are compared."""
+        return self.candidates
+
+    def _score_muscle(self, muscle: int, inputs: Array) -> Array:
+        """Return the utility of (B, T, D) thinned trajectories for one muscle, (B,)."""
+        design = self.design
+        return trajectory_utility([self.models[muscle]], [inputs], design.utility, design.reduce, design.memory_mb, 1)
+
+    def _score(self, candidates: Sequence[Array]) -> Array:
         """Return the utility of every trajectory of the bank, (R,)."""
         design = self.design
-        return trajectory_utility(
-            self.models, self.candidates, design.utility, design.reduce, design.memory_mb, self.stride
-        )
+        return trajectory_utility(self.models, candidates, design.utility, design.reduce, design.memory_mb, self.stride)
 
 
 def check_muscles(expected: int, *each: Sequence[object]) -> None:

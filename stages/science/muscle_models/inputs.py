@@ -32,14 +32,16 @@ class InputConstants(BaseModel):
 class Feature(NamedTuple):
     """A model's input: its column in tables, its unit, a description, and how it follows from a trial's signals.
 
-    The signals are the columns of a muscle's recording by name, (T,) each, and the time between samples, s; there is
-    nothing to do for a measured one.
+    `of_pressure` says whether it follows from pressure alone; else it follows from motion alone. The signals are the
+    columns of a muscle's recording by name, (T,) each, and the time between samples, s; there is nothing to do for a
+    measured one.
     """
 
     column: str
     unit: str
     description: str
     follow: Callable[[Mapping[str, Array], float, InputConstants], Array] | None = None
+    of_pressure: bool = False
 
 
 def _stop(signals: Mapping[str, Array], step_s: float, constants: InputConstants) -> Array:
@@ -65,7 +67,7 @@ def _pressure_rate(signals: Mapping[str, Array], step_s: float, constants: Input
 
 PRESSURE, CONTRACTION, VELOCITY = MODEL_INPUTS
 FEATURES = {
-    "pressure": Feature(PRESSURE, "kPa", "measured pressure"),
+    "pressure": Feature(PRESSURE, "kPa", "measured pressure", of_pressure=True),
     "contraction": Feature(CONTRACTION, "1", "measured contraction"),
     "contraction_velocity": Feature(VELOCITY, "1/s", "measured contraction velocity"),
     "contraction_stop": Feature(
@@ -75,10 +77,10 @@ FEATURES = {
         "contraction_highpass", "1", "contraction less its first-order lag, which creep follows", _highpass(CONTRACTION)
     ),
     "pressure_highpass": Feature(
-        "pressure_highpass_kpa", "kPa", "pressure less its first-order lag", _highpass(PRESSURE)
+        "pressure_highpass_kpa", "kPa", "pressure less its first-order lag", _highpass(PRESSURE), of_pressure=True
     ),
     "direction": Feature("direction", "1", "tanh of contraction velocity, which sliding friction follows", _direction),
-    "pressure_rate": Feature("pressure_rate_kpa_per_s", "kPa/s", "rate of pressure", _pressure_rate),
+    "pressure_rate": Feature("pressure_rate_kpa_per_s", "kPa/s", "rate of pressure", _pressure_rate, of_pressure=True),
 }
 """Inputs by name. The play operator and first-order lags are the generic memories of Brokate and Sprekels, Hysteresis
 and Phase Transitions (1996), and of linear viscoelasticity."""
@@ -127,6 +129,11 @@ class ModelSettings(BaseModel):
     def features(self) -> list[Feature]:
         """The inputs, in the order of the model's vector."""
         return [FEATURES[name] for name in self.inputs]
+
+    @property
+    def pressure_inputs(self) -> tuple[int, ...]:
+        """Places in the vector of the inputs that follow from pressure alone."""
+        return tuple(place for place, each in enumerate(self.features) if each.of_pressure)
 
     def extend(self, recordings: pd.DataFrame, trial: Sequence[str]) -> pd.DataFrame:
         """Return recordings with a column for each feature that is not measured.

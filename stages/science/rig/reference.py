@@ -4,6 +4,8 @@ A movement's long table flows in; the `Trial` that displays its joint angles and
 or what was measured when a rig executed it.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 
@@ -66,3 +68,26 @@ def track(
     samples = references[references["trajectory"] == trajectory]
     trial = tracked_trial(samples, rig, participant, label, number, proposal)
     return pd.DataFrame(tidy(rig.execute(trial, generator, watch), rig))
+
+
+def exchange_pressures(references: pd.DataFrame, trajectory: int, sources: Mapping[str, int]) -> pd.DataFrame:
+    """Return a movement's rows with some muscles' pressure commands from other movements, sample by sample.
+
+    References are as of `track`; `sources` names the movement by muscle, and a muscle that is not in it keeps its own.
+    """
+    rows = references[references["trajectory"] == trajectory].copy()
+    for muscle, source in sources.items():
+        its = references[(references["trajectory"] == source) & (references["muscle"] == muscle)]
+        rows.loc[rows["muscle"] == muscle, "pressure_command_kpa"] = its["pressure_command_kpa"].to_numpy()
+    return rows
+
+
+def describe_sources(sources: Mapping[str, int]) -> str:
+    """Return the movements that muscles' pressures are taken from, as ``pam1 3, pam2 17``."""
+    return ", ".join(f"{muscle} {source}" for muscle, source in sources.items())
+
+
+def read_sources(described: str) -> dict[str, int]:
+    """Return the movements by muscle that `describe_sources` wrote."""
+    pairs = [each.rsplit(" ", 1) for each in described.split(", ") if each]
+    return {muscle: int(source) for muscle, source in pairs}

@@ -7,6 +7,7 @@ import pytest
 
 from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE, TaskVariance, reduce_task_variance
 from stages.science.gp.interaction import Design, Interaction
+from stages.science.gp.knowledge import Choice
 from stages.science.gp.marginal import condition
 from tests.science.gp.data import make_data, make_prior
 
@@ -96,10 +97,56 @@ def test_what_a_trajectory_would_take_is_foreseen_for_each_muscle(model, task, g
     bank, data = generator.standard_normal((4, 20, 3)), make_data(generator, 6)
     known = Interaction.begin(design, [bank], [make_prior()], [data[0]], [data[1]], [], [generator], [task])
     scores = known.ask(generator).scores
-    foreseen = [known.foresee(trajectory) for trajectory in range(4)]
+    foreseen = [known.foresee(Choice(trajectory, None)) for trajectory in range(4)]
     few = replace(known, design=replace(design, joint_every=100, points_per_trial=50))
     whole = [TaskVariance(known.models[0], task).pick(each, 20)[1] for each in bank]
     np.testing.assert_allclose(few.ask(generator).scores, whole, rtol=1e-9)
     np.testing.assert_allclose(np.ravel(foreseen), scores, rtol=1e-9)
     with pytest.raises(ValueError, match="trajectory: expected 0 to 3"):
-        known.foresee(4)
+        known.foresee(Choice(4, None))
+
+
+def test_what_all_samples_of_trajectories_take_together_is_what_a_grown_model_has_less(model, task, generator):
+    bank = generator.standard_normal((3, 6, 3))
+    expected = [mean_variance(model, task) - mean_variance(model, task, *trial) for trial in bank]
+    np.testing.assert_allclose(TaskVariance(model, task).take(bank), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize("utility", [INTEGRATED_VARIANCE, "y_y"])
+def test_the_best_exchange_of_inputs_is_found_among_all_combinations(task, generator, utility):
+    settings = {"reduce": "sum", "reuse_trajectories": False, "mean": "zero", "memory_mb": 64.0}
+    design = Design(utility, **settings, exchanged=(0, 2), subsample_utility=INTEGRATED_VARIANCE, points_per_trial=3,
+                    joint_every=1, starts=1)  # fmt: skip
+    banks = [generator.standard_normal((3, 3, 3)) + 2.0 * generator.standard_normal((3, 1, 3)) for _ in range(2)]
+    (x, y), (u, v) = make_data(generator, 6), make_data(generator, 7)
+    priors = [make_prior(), make_prior()]
+    starts = [generator, generator]
+    known = Interaction.begin(design, banks, priors, [x, u], [y, v], [1], starts, [task, task])
+    choice = known.ask(generator)
+    plain = replace(known, design=replace(design, exchanged=(), reuse_trajectories=True))
+    best = {}
+    for sources in np.ndindex(3, 3):
+        exchanged = [bank.copy() for bank in banks]
+        for bank, whole, source in zip(exchanged, banks, sources, strict=True):
+            bank[..., [0, 2]] = whole[source][:, [0, 2]]
+        scores = replace(plain, candidates=tuple(exchanged)).ask(generator).scores
+        best |= {(trajectory, *sources): scores[trajectory] for trajectory in (0, 2)}
+    assert (choice.trajectory, *choice.sources) == max(best, key=best.get)
+    assert choice.scores.max() == pytest.approx(max(best.values()), rel=1e-9)
+    assert choice.scores[1] == -np.inf
+    if utility == INTEGRATED_VARIANCE:
+        assert known.foresee(choice).sum() == pytest.approx(max(best.values()), rel=1e-9)
+
+
+def test_random_exchanges_draw_a_source_for_each_muscle_and_the_same_trajectories_as_without(task, generator):
+    settings = {"reduce": "sum", "reuse_trajectories": False, "mean": "zero", "memory_mb": 64.0}
+    design = Design("random", **settings, exchanged=(1,), subsample_utility="random", points_per_trial=3,
+                    joint_every=1, starts=1)  # fmt: skip
+    banks = [generator.standard_normal((5, 4, 3)) for _ in range(2)]
+    data = make_data(generator, 6)
+    known = Interaction.begin(design, banks, [make_prior()] * 2, [data[0]] * 2, [data[1]] * 2, [0], [generator] * 2)
+    plain = replace(known, design=replace(design, exchanged=()))
+    drawn = [known.ask(np.random.default_rng(seed)) for seed in range(200)]
+    assert [each.trajectory for each in drawn] == [plain.ask(np.random.default_rng(k)).trajectory for k in range(200)]
+    assert {each.sources for each in drawn} == set(np.ndindex(5, 5))
+    assert plain.ask(generator).sources == ()
