@@ -7,7 +7,8 @@ and of its code, and the versions of its libraries.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from pathlib import Path
+from typing import Any, Self
 
 from pydantic import BaseModel
 
@@ -46,7 +47,8 @@ class Ingredients:
 
     These are the stage's slice of the configuration, the content hashes of the tables that it reads and of the files
     that its configuration names, and code and libraries as of `pipeline.sources`. If it is `measured` on real hardware,
-    a change of code or libraries makes nothing stale. Tables whose content is not known yet are `waiting`.
+    a change of code or libraries makes nothing stale. Tables whose content is not known yet are `waiting`. The `extent`
+    is the stage's.
     """
 
     config: dict[str, Any]
@@ -55,11 +57,29 @@ class Ingredients:
     libraries: dict[str, str]
     measured: bool
     waiting: tuple[str, ...] = ()
+    extent: tuple[str, ...] = ()
+
+    @classmethod
+    def of_record(cls, record: Mapping[str, Any], extent: tuple[str, ...]) -> Self:
+        """Return what an earlier result of a stage depended on."""
+        code, libraries, measured = (record.get(name, {}) for name in ("code", "libraries", "measured"))
+        return cls(record["config"], record["inputs"], code, libraries, bool(measured), extent=extent)
 
     @property
     def fingerprint(self) -> str:
         """Hash of what counts."""
-        counted = {"config": self.config, "inputs": self.inputs}
+        return self._hash(self.config)
+
+    @property
+    def parts_fingerprint(self) -> str:
+        """Hash of what counts in a part of the stage's loop."""
+        config = self.config
+        for key in self.extent:
+            config = _leave_out(config, key.split("."))
+        return self._hash(config)
+
+    def _hash(self, config: Mapping[str, Any]) -> str:
+        counted: dict[str, Any] = {"config": config, "inputs": self.inputs}
         if not self.measured:
             counted.update(code=self.code, libraries=self.libraries)
         return hash_json(counted)
@@ -109,6 +129,7 @@ def gather(study: Study, stage: Stage, inputs: dict[str, str]) -> Ingredients:
         hash_sources(package, modules),
         library_versions(package, modules),
         bool(getattr(built, "real", False)),
+        extent=stage.extent,
     )
 
 
@@ -129,9 +150,46 @@ def decide(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) ->
                 return Step(stage, "kept", f"measured in {record['origin']}; since then {changed[0]}", ledger)
             return Step(stage, "fresh", f"made in {record['origin']}", ledger)
         damage = damage or damaged
-    if damage:
-        return Step(stage, "run", damage)
-    return Step(stage, "run", _describe_changes(stage, ingredients, ledgers) or "not made before")
+    reason = damage or _describe_changes(stage, ingredients, ledgers) or "not made before"
+    left = find_parts(stage, ingredients, ledgers) if stage.extent and ingredients.measured else None
+    return Step(stage, "run", f"{reason}; goes on with what {left[0].name} measured" if left else reason)
+
+
+def find_parts(
+    stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger], anew: bool = False
+) -> tuple[Ledger, Path] | None:
+    """Return the run that left most parts of the same loop, and their folder, the most welcome among equals, or None.
+
+    The loop may have been shorter or longer. Where one of the same length was finished, and is to be made `anew`, no
+    finished one counts.
+    """
+    done = [each.finished(stage.name) for each in ledgers] if anew else []
+    anew = any(record and record["fingerprint"] == ingredients.fingerprint for record in done)
+    found: dict[int, tuple[Ledger, Path]] = {}
+    for ledger in ledgers:
+        record = ledger.records.get(stage.name)
+        if record is None or (anew and record["status"] == "done"):
+            continue
+        if Ingredients.of_record(record, stage.extent).parts_fingerprint != ingredients.parts_fingerprint:
+            continue
+        folder = parts_folder(ledger, stage, record.get("parts", record["fingerprint"]))
+        if folder.is_dir():
+            found.setdefault(len(list(folder.iterdir())), (ledger, folder))
+    return found[max(found)] if found else None
+
+
+def parts_folder(ledger: Ledger, stage: Stage, fingerprint: str) -> Path:
+    """Return where a run keeps the parts of a stage's loop."""
+    return ledger.folder / "parts" / f"{stage.name}-{fingerprint[:16]}"
+
+
+def _leave_out(config: Mapping[str, Any], key: Sequence[str]) -> dict[str, Any]:
+    """Return a configuration without a key, given by its path."""
+    first, *rest = key
+    if first not in config or (rest and not isinstance(config[first], Mapping)):
+        return dict(config)
+    left = {name: value for name, value in config.items() if name != first}
+    return {**left, first: _leave_out(config[first], rest)} if rest else left
 
 
 def _describe_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> str:

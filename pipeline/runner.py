@@ -29,7 +29,7 @@ from pipeline.errors import ConfigError, PipelineError
 from pipeline.files import link, link_folder, write_json, write_text
 from pipeline.interruption import Interrupted, Watch, watch
 from pipeline.ledger import FILE_NAME, Ledger, files_of, now
-from pipeline.plan import Ingredients, Step, decide, gather, make_plan
+from pipeline.plan import Ingredients, Step, decide, find_parts, gather, make_plan, parts_folder
 from pipeline.report import PAGE_NAME, is_whole_page, print_headline, try_report, write_report
 from pipeline.runs import Claim, claim, list_ledgers, make_exclusively, sweeps_folder
 from pipeline.stage import Stage
@@ -130,7 +130,7 @@ class Runner:
                 signals.check()
             ledger.facts["metrics"] = _read_metrics(ledger, self.study, self.stages)
             write_report(ledger, self.study, self.stages, "done")
-            shutil.rmtree(ledger.folder / "parts", ignore_errors=True)
+            self._clear_parts(ledger)
             self._conclude(ledger)
             ledger.end("done")
         except (Exception, Interrupted) as error:
@@ -220,6 +220,7 @@ class Runner:
         record: dict[str, Any] = {
             "status": "running",
             "fingerprint": ingredients.fingerprint,
+            "parts": ingredients.parts_fingerprint,
             "origin": ledger.name,
             "reason": reason,
             "started": now(),
@@ -231,7 +232,7 @@ class Runner:
             "tables": {},
             "files": {},
         }
-        self._take_over_parts(stage, ledger, ingredients.fingerprint)
+        self._take_over_parts(stage, ledger, ingredients)
         ledger.records[stage.name] = record
         ledger.save()
         log.info("%s: run, %s", stage.name, reason)
@@ -261,7 +262,7 @@ class Runner:
         values = ingredients.config
         own = values.get(stage.name)
         seed = own["seed"] if isinstance(own, dict) and "seed" in own else values.get("seed")
-        parts = _parts_folder(ledger, stage, ingredients.fingerprint)
+        parts = parts_folder(ledger, stage, ingredients.parts_fingerprint)
         record = Record(parts, {table.name: table for table in stage.writes}, signals.check)
         section = self.study.target(stage)
         device: Any = self.study.build(section) if section else None
@@ -274,18 +275,28 @@ class Runner:
             stage.name, ledger.folder, seed, record, self.console, device, interactive, workers, formats, stage.stream
         )
 
-    def _take_over_parts(self, stage: Stage, ledger: Ledger, fingerprint: str) -> None:
-        """Take over the parts that a run which did not end left of the same loop, also under another fingerprint."""
-        place = _parts_folder(ledger, stage, fingerprint)
-        for each in [] if place.exists() else [ledger, *list_ledgers(self.outputs)]:
-            record = each.records.get(stage.name)
-            if record is None or record["fingerprint"] != fingerprint or record["status"] == "done":
-                continue
-            left = _parts_folder(each, stage, record.get("parts", fingerprint))
-            if left != place and left.is_dir():
-                link_folder(left, place)
-                log.info("%s: goes on with parts of %s", stage.name, each.name)
-                return
+    def _clear_parts(self, ledger: Ledger) -> None:
+        """Remove the parts of loops, but for those of measured ones that may be lengthened."""
+        kept = {
+            parts_folder(ledger, each, record["parts"])
+            for each in self.stages
+            if each.extent and (record := ledger.records.get(each.name, {})).get("measured") and "parts" in record
+        }
+        for folder in {*(ledger.folder / "parts").glob("*")} - kept:
+            shutil.rmtree(folder, ignore_errors=True)
+        with suppress(OSError):
+            (ledger.folder / "parts").rmdir()
+
+    def _take_over_parts(self, stage: Stage, ledger: Ledger, ingredients: Ingredients) -> None:
+        """Take over the parts that another run left of the same loop, or this one under another fingerprint."""
+        place = parts_folder(ledger, stage, ingredients.parts_fingerprint)
+        anew = stage.name in (self.study.settings.stages or [])
+        ledgers = [] if place.exists() else [ledger, *list_ledgers(self.outputs)]
+        found = find_parts(stage, ingredients, ledgers, anew)
+        if found is not None:
+            left, folder = found
+            link_folder(folder, place)
+            log.info("%s: goes on with parts of %s", stage.name, left.name)
 
     def _open_interface(self) -> Any:
         """Return what devices are connected to, the same for all stages of a run.
@@ -411,10 +422,6 @@ def _reduce(values: pd.Series, by: str) -> float | str | None:
     if isinstance(found, str):
         return found
     return float(found) if math.isfinite(found) else None
-
-
-def _parts_folder(ledger: Ledger, stage: Stage, fingerprint: str) -> Path:
-    return ledger.folder / "parts" / f"{stage.name}-{fingerprint[:16]}"
 
 
 def _file_within(folder: Path, error: OSError) -> Path | None:

@@ -30,7 +30,8 @@ class Stage:
     their order. The fields of its config are the top-level sections that reach it. A workflow may lack the `optional`
     ones of the tables it reads. A `preview` takes the config and returns lines that the plan shows, of what the stage
     would make of files that it reads. From the `stream`, with the seed, its random numbers come, whatever the stage is
-    called; None where it draws none.
+    called; None where it draws none. The `extent` are keys (dotted) that say how many parts its loop has, and nothing
+    about what one of them holds.
     """
 
     name: str
@@ -41,6 +42,7 @@ class Stage:
     optional: tuple[str, ...] = ()
     preview: Callable[[Any], Sequence[str]] | None = None
     stream: str | None = None
+    extent: tuple[str, ...] = ()
 
     @property
     def module(self) -> str:
@@ -54,9 +56,12 @@ class Stage:
 
 
 def stage(
-    *writes: Table, stream: str | None = None, preview: Callable[[Any], Sequence[str]] | None = None
+    *writes: Table,
+    stream: str | None = None,
+    preview: Callable[[Any], Sequence[str]] | None = None,
+    extent: tuple[str, ...] = (),
 ) -> Callable[[Callable[..., Any]], Stage]:
-    """Make a function a stage that writes the given tables; stream and preview are those of `Stage`."""
+    """Make a function a stage that writes the given tables; stream, preview and extent are those of `Stage`."""
 
     def decorate(function: Callable[..., Any]) -> Stage:
         name = function.__name__
@@ -82,7 +87,7 @@ def stage(
             raise WiringError(f"stage {name}: expected each table in one parameter, got {twice[0]} in two")
         optional = tuple(table for table, default in defaults if default is None)
         called = _bundle_tables(function, bundles) if bundles else function
-        return Stage(name, called, config, reads, writes, optional, preview, stream)
+        return Stage(name, called, config, reads, writes, optional, preview, stream, extent)
 
     return decorate
 

@@ -273,7 +273,11 @@ class Config(Section):
     seed: int
 
 
-@stage(TRIALS, ACTIVE_RECORDINGS, MODELS, POINTS, DECISIONS, stream="active_loop")
+EXTENT = tuple(f"active_loop.{key}" for key in ("trials", "until", "controls", "control_experiments"))
+"""Keys that say how many trials there are, and nothing of what one is."""
+
+
+@stage(TRIALS, ACTIVE_RECORDINGS, MODELS, POINTS, DECISIONS, stream="active_loop", extent=EXTENT)
 def active_loop(
     cfg: Config,
     candidates: pd.DataFrame,
@@ -306,6 +310,7 @@ def active_loop(
             loop = Loop(cfg, ctx, muscles, tasks, references, start, used, *who, arm, number)
             loops["{} experiment {} {}".format(*who, arm)] = (loop,)
     tables = ctx.land("experiments", Loop.run, loops)
+    tables[TRIALS.name] = tell_ends(tables[TRIALS.name], cfg.active_loop)
     designed = tables["trials"][tables["trials"]["arm"] == arms[0]]
     first = designed.iloc[0]
     chosen = designed.query("participant == @first.participant and experiment == @first.experiment")
@@ -326,6 +331,20 @@ def active_loop(
         limit = cfg.active_loop.until.error_percent
         ctx.figure("expected_error", draw_expected_errors(designed, None if limit is None else limit / 100.0), caption)
     return tables
+
+
+def tell_ends(trials: pd.DataFrame, section: ActiveLoop) -> pd.DataFrame:
+    """Return trials with what their experiments may end by now, which may have changed since they were executed."""
+    until, columns = section.until, dict(trials)
+    for name, limit in (("expected_below", until.error_percent), ("expected_next", until.gain_percent)):
+        if limit is None:
+            columns.pop(name, None)
+    if until.error_percent is not None and "expected_error" in columns:
+        told = trials[["expected_error", "expected_high", "trial"]].itertuples(index=False)
+        limit = until.error_percent / 100.0
+        below = [section.expected_error.probability_below(limit, *each) for each in told]
+        columns["expected_below"] = pd.Series(below, index=trials.index)
+    return TRIALS.select(pd.DataFrame(columns))
 
 
 def gather_commands(chosen: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
@@ -398,10 +417,11 @@ class Loop:
 
     def is_enough(self, part: Part) -> bool:
         """Return whether the error that is to be expected after a trial ends the experiment."""
-        until, trial = self.cfg.active_loop.until, part[TRIALS.name].iloc[0]
-        if until.error_percent is not None and trial["expected_below"] >= until.probability:
+        until = self.cfg.active_loop.until
+        trial = tell_ends(part[TRIALS.name], self.cfg.active_loop).iloc[0]
+        if trial.get("expected_below", 0.0) >= until.probability:
             return True
-        gain = trial["expected_error"] - trial["expected_next"] if until.gain_percent is not None else np.inf
+        gain = trial.get("expected_error", np.inf) - trial.get("expected_next", np.nan)
         return bool(100.0 * gain < (until.gain_percent or 0.0))
 
     def land(self, trial: int, landed: Parts, declined: list[pd.DataFrame], keys: list[str], rig: Rig) -> Part:
@@ -473,11 +493,9 @@ class Loop:
         forecast = forecast_error(
             told.models, self.tasks, self.muscles, known, [*executed, usable], section.expected_error
         )
-        until, (low, high) = section.until, forecast.interval
+        low, high = forecast.interval
         columns = {"expected_error": forecast.median, "expected_low": low, "expected_high": high}
-        if until.error_percent is not None:
-            columns["expected_below"] = forecast.probability_below(until.error_percent / 100.0)
-        if until.gain_percent is not None:
+        if section.until.gain_percent is not None:
             chosen = self.arm != "random" and trial < section.trials
             following = told.ask(self.ctx.generator("random")) if chosen else None
             columns["expected_next"] = np.nan if following is None else forecast.after(told.foresee(following))

@@ -105,13 +105,13 @@ class UnseenConfig(Section):
         return self
 
 
-@stage(BANK, stream="bank")
+@stage(BANK, stream="bank", extent=("bank.trajectories",))
 def bank(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record an experimenter's natural movements under varied pressures, with force."""
     return record_movements(BANK, cfg.bank, "for the bank", ctx)
 
 
-@stage(UNSEEN_BANK, stream="unseen_bank")
+@stage(UNSEEN_BANK, stream="unseen_bank", extent=("unseen_bank.trajectories",))
 def unseen_bank(cfg: UnseenConfig, ctx: Context) -> dict[str, pd.DataFrame]:
     """Record a second bank of natural movements, for the evaluation alone."""
     return record_movements(UNSEEN_BANK, cfg.unseen_bank, "for the evaluation alone", ctx)

@@ -107,7 +107,7 @@ class Config(Section):
         return self
 
 
-@stage(TASK, TASK_MOVEMENTS, stream="task")
+@stage(TASK, TASK_MOVEMENTS, stream="task", extent=("task.trajectories",))
 def task(cfg: Config, candidates: pd.DataFrame, ctx: Context) -> dict[str, pd.DataFrame]:
     """Gather the inputs that models are wanted for, from the bank or from movements recorded for it."""
     recordings = record_task(cfg, ctx) if cfg.task.of == "movements" else None

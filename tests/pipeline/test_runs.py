@@ -5,12 +5,14 @@ from dataclasses import replace
 from pathlib import Path
 from types import SimpleNamespace
 
+import pandas as pd
 import pytest
 
 from pipeline.ledger import Ledger
 from pipeline.plan import Ingredients, decide
-from tests.faults import ledger_of, tables_of
-from tests.pipeline.conftest import refusal, success, the_only_line
+from tests.conftest import Command
+from tests.faults import ledger_of, overwrite, tables_of
+from tests.pipeline.conftest import CONFIG, refusal, success, the_only_line
 
 
 def origins_of(run):
@@ -110,7 +112,7 @@ def test_reasons_are_told_against_the_most_similar_run(toy):
     assert "input" not in plan
 
 
-STAGE = SimpleNamespace(name="measuring", writes=())
+STAGE = SimpleNamespace(name="measuring", writes=(), extent=())
 
 
 @pytest.mark.parametrize("measured", [True, False])
@@ -127,3 +129,40 @@ def test_what_was_measured_outlives_a_change_of_code_and_libraries_alone(measure
     assert steps["libraries"].reason == f"{told}library changed (numpy 2.0 -> 2.1)"
     for change in ({"config": {"seed": 2}}, {"inputs": {"bank": "def"}}):
         assert decide(STAGE, replace(before, **change), [ledger]).action == "run"
+
+
+def test_what_was_measured_is_not_measured_again_when_a_loop_gets_longer_or_shorter(tmp_path):
+    lab = Command(tmp_path / "outputs", *CONFIG, "workflow=lab", "figures=[]", "device=real")
+    reading = tmp_path / "reading.txt"
+
+    def measure(value, *arguments):
+        """Run it while the device says a value; return what was asked of it, and all readings."""
+        asked = reading.with_suffix(".log")
+        asked.write_text("")
+        reading.write_text(value)
+        printed = success(lab, f"device.file={reading}", *arguments)
+        table = pd.read_parquet(lab.runs[-1] / "tables" / "readings.parquet")
+        return len(asked.read_text().split()), table["reading"].to_list(), printed
+
+    def lengthen(count):
+        return f"measuring.count={count}"
+
+    assert measure("1", lengthen(2))[:2] == (2, [1.0, 1.0])
+    first = lab.runs[0]
+    plan = success(lab, f"device.file={reading}", lengthen(4), "plan=true")
+    assert f"config changed (measuring.count 2 -> 4); goes on with what {first.name} measured" in plan
+    assert measure("2", lengthen(4))[:2] == (2, [1.0, 1.0, 2.0, 2.0])
+    assert measure("3", lengthen(1))[:2] == (0, [1.0])
+    assert measure("3", lengthen(5))[:2] == (1, [1.0, 1.0, 2.0, 2.0, 3.0])  # goes on with the longest
+    assert measure("4", lengthen(2), "measuring.offset=10.0")[:2] == (2, [14.0, 14.0])  # not the same parts
+    overwrite(lab.runs[3] / "tables/readings.parquet", b"")
+    asked, readings, printed = measure("5", lengthen(5))
+    assert (asked, readings) == (0, [1.0, 1.0, 2.0, 2.0, 3.0])
+    assert "damaged" in printed
+    assert measure("6", lengthen(2), "stages=[measuring]")[:2] == (2, [6.0, 6.0])
+    assert measure("7", lengthen(3), "stages=[measuring]")[:2] == (0, [1.0, 1.0, 2.0])
+    for run in lab.runs:
+        assert {each.name.partition("-")[0] for each in (run / "parts").iterdir()} == {"measuring"}
+    simulated = success(lab, "device=simulated", lengthen(3))
+    assert "goes on" not in simulated
+    assert not (lab.runs[-1] / "parts").exists()

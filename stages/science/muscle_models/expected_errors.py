@@ -37,6 +37,19 @@ class Spread(BaseModel):
     log_sd: PositiveFloat
     trials: PositiveInt
 
+    def freedom(self, trials: int) -> int:
+        """Return the degrees of freedom once so many trials were left out."""
+        return self.trials + trials - 1
+
+    def reach(self, trials: int) -> float:
+        """Return the half width of an interval, in scales of the ratio's logarithm."""
+        return float(stats.t.ppf(0.5 + 0.5 * LEVEL, self.freedom(trials)))
+
+    def probability_below(self, limit: float, median: float, high: float, trials: int) -> float:
+        """Return how probable an error rate below a limit is, by its median and the upper end of its interval."""
+        scales = np.log(limit / median) / np.log(high / median) * self.reach(trials)
+        return float(stats.t.cdf(scales, self.freedom(trials)))
+
 
 @dataclass(frozen=True)
 class ErrorForecast:
@@ -62,14 +75,10 @@ class ErrorForecast:
         return np.log(self.left_out[:, 1] / self.left_out[:, 0])
 
     @property
-    def _freedom(self) -> int:
-        return self.spread.trials + len(self.left_out) - 1
-
-    @property
     def _scale(self) -> float:
         """Of the logarithm's next value."""
         squares = self.spread.trials * self.spread.log_sd**2 + np.square(self._ratios - self._ratios.mean()).sum()
-        return float(np.sqrt(squares / self._freedom * (1.0 + 1.0 / len(self.left_out))))
+        return float(np.sqrt(squares / self.spread.freedom(len(self.left_out)) * (1.0 + 1.0 / len(self.left_out))))
 
     @property
     def median(self) -> float:
@@ -84,12 +93,12 @@ class ErrorForecast:
     @property
     def interval(self) -> tuple[float, float]:
         """The ends of the error rate's 95 % interval."""
-        reach = np.exp(stats.t.ppf(0.5 + 0.5 * LEVEL, self._freedom) * self._scale)
+        reach = np.exp(self.spread.reach(len(self.left_out)) * self._scale)
         return float(self.median / reach), float(self.median * reach)
 
     def probability_below(self, limit: float) -> float:
         """Return how probable an error rate below a limit is."""
-        return float(stats.t.cdf(np.log(limit / self.median) / self._scale, self._freedom))
+        return self.spread.probability_below(limit, self.median, self.interval[1], len(self.left_out))
 
 
 def forecast_error(
