@@ -122,7 +122,7 @@ def test_picks_are_the_same_with_the_force_of_the_bank_set_to_nan(run, tmp_path)
 def test_a_trial_may_take_each_muscles_pressures_from_another_movement(run, tmp_path):
     listed, keys = ["bank", *BEFORE[1:], "active_loop"], ["active_loop.exchange_pressures=true", "active_loop.trials=2"]
     study, stages = read_stages(listed, *keys, "active_loop.controls=[random]")
-    tables = {table: read(run, table) for name in BEFORE for table in [each.name for each in stages[name].writes]}
+    tables = {table.name: read(run, table.name) for name in BEFORE for table in stages[name].writes}
     found = run_stage(study, stages["active_loop"], tmp_path, tables)
     assert set(found["trials"]["arm"]) == {"integrated_variance", "random"}
     bank, recorded = (each.set_index(["muscle", "time_s"]) for each in (tables["bank"], found["active_recordings"]))
@@ -136,6 +136,30 @@ def test_a_trial_may_take_each_muscles_pressures_from_another_movement(run, tmp_
             np.testing.assert_allclose(trial.loc[muscle, "pressure_command_kpa"], asked, atol=1e-9)
             others += source != row["trajectory"]
     assert others > 6
+
+
+def test_a_loop_goes_on_with_its_trials_where_their_number_or_what_ends_it_changes(run, tmp_path):
+    listed, controls = ["bank", *BEFORE[1:], "active_loop"], "active_loop.controls=[]"
+
+    def rerun(*keys):
+        study, stages = read_stages(listed, controls, *keys)
+        tables = {table.name: read(run, table.name) for name in BEFORE for table in stages[name].writes}
+        return run_stage(study, stages["active_loop"], tmp_path, tables)["trials"]
+
+    def parts():
+        return {each.name: each.stat().st_mtime_ns for each in (tmp_path / "parts" / "active_loop").iterdir()}
+
+    whole = read(run, "trials").query("arm == 'integrated_variance'").reset_index(drop=True)
+    rerun("active_loop.trials=2")
+    two = parts()
+    pd.testing.assert_frame_equal(rerun("active_loop.trials=3"), whole, check_exact=True)
+    three = parts()
+    assert len(two) == 2 * len(whole["participant"].unique())
+    assert {name: three[name] for name in two} == two
+    ended = rerun("active_loop.until.error_percent=50.0", "active_loop.until.probability=0.6")
+    assert list(ended["trial"]) == [1] * len(whole["participant"].unique())
+    assert ended["expected_below"].between(0.6, 1.0).all()
+    assert parts() == three
 
 
 @pytest.mark.slow

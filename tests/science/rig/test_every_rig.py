@@ -10,6 +10,8 @@ import pytest
 
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import RECORDING_COLUMNS, RigError, tidy
+from stages.science.rig.reference import exchange_pressures, track, tracked_trial
+from stages.science.rig.replay import ReplayRig
 from stages.science.rig.trial import CLIPPED_BY, STATUS, Trial
 from tests.cpx_e.rig import describe_rig, emulate_rig
 from tests.science.plant.machines import other_rig
@@ -137,6 +139,49 @@ def test_whatever_ends_the_block_releases(rig, generator):
         assert not rig.connected
     with rig:
         assert rig.connected
+
+
+def movement(rig, number, command_kpa):
+    """A movement of a bank, as rows of references."""
+    joint = [list(rig.joints).index(name) for name in rig.muscle_joints]
+    columns = {
+        "trajectory": number,
+        "time_s": np.tile(np.arange(rig.samples) / RATE_HZ, len(joint)),
+        "muscle": np.repeat(list(rig.muscles), rig.samples),
+        "pressure_command_kpa": command_kpa.T.ravel(),
+        "joint_angle_rad": reference(rig)[:, joint].T.ravel(),
+    }
+    return pd.DataFrame(columns)
+
+
+def test_exchanged_pressures_are_applied_within_every_limit(rig, generator):
+    """Two movements in each of which one side of a joint pulls; exchanged, both would, but for a ceiling."""
+    if hasattr(rig, "co_contraction_kpa"):
+        rig = rig.model_copy(update={"co_contraction_kpa": dict.fromkeys(rig.joints, 200.0)})
+    pulls = np.array([muscle.role == "agonist" for muscle in rig.exoskeleton.muscles])
+    low, high = command(rig, 40.0, 60.0), command(rig, 180.0, 240.0)
+    movements = [np.where(pulls, high, low), np.where(pulls, low, 2.0 * high)]
+    references = pd.concat([movement(rig, number, each) for number, each in enumerate(movements)])
+    rig.check_bank(references, "trajectory")
+    sources = {name: 1 - int(pull) for name, pull in zip(rig.muscles, pulls, strict=True)}
+    asked = np.where(pulls, *movements)
+    rows = exchange_pressures(references, 0, sources)
+    np.testing.assert_array_equal(tracked_trial(rows, rig, "p1", "").pressure_command_kpa, asked)
+    with rig:
+        recorded = track(rows, 0, rig, "p1", "exchanged", generator)
+    if isinstance(rig, ReplayRig):
+        return  # it found the nearest that there was
+    applied = np.column_stack(
+        [recorded.loc[recorded["muscle"] == name, "pressure_command_kpa"] for name in rig.muscles]
+    )
+    assert (applied <= [MOST[muscle.type][0] for muscle in rig.exoskeleton.muscles]).all()
+    ceilings = getattr(rig, "co_contraction_kpa", {})
+    held = {rig.muscle_joints[m] for m in np.flatnonzero(np.abs(applied - asked).max(axis=0) > 1e-9)}
+    assert held == {name for name in rig.joints if ceilings.get(name, np.inf) < 240.0}
+    for joint in rig.joints:
+        sides = [(np.array(rig.muscle_joints) == joint) & (pulls == pull) for pull in (True, False)]
+        lower = np.min([applied[:, each].max(axis=1) for each in sides], axis=0)
+        assert (lower <= ceilings.get(joint, np.inf)).all()
 
 
 def clipped(rig):
