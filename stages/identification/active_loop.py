@@ -63,7 +63,8 @@ TRIALS = Table(
         "available": column(int, "trajectories that could be chosen", low=1),
         "pressures_from": column(
             str,
-            "movements that pressures were taken from, as 'pam1 3, pam2 17', with active_loop.exchange_pressures=true",
+            "movements that pressures were taken from, as 'pam1 3, pam2 17'; empty: its own. With "
+            "active_loop.exchange_pressures=true",
             optional=True,
         ),
         "surprise": column(
@@ -461,7 +462,7 @@ class Loop:
         out = {*rejected, *skipped} if set(left) - set(skipped) else set(rejected)  # all skipped: the first again
         choice = interaction.ask(generator, but=self.muscles.indices(sorted(out)))
         described: dict[str, Any] = describe_choice(choice, interaction, self.muscles)
-        if choice.sources:
+        if self.cfg.active_loop.exchange_pressures:
             described["pressures_from"] = describe_sources(self.name_sources(choice))
         samples = self.execute(choice, described, trial, landed, len(left), rig)
         usable = keep_usable(self.cfg.model.extend(samples, []))
@@ -599,7 +600,7 @@ def describe_expected(part: Part) -> list[str]:
 def explain(described: dict[str, Any], arm: str) -> str:
     """Say why a movement was chosen."""
     movement = f"movement {described['trajectory']} of the bank"
-    if "pressures_from" in described:
+    if described.get("pressures_from"):
         movement += f" with pressures of other movements ({described['pressures_from']})"
     if np.isnan(described["utility"]):
         return f"{movement}, drawn at random"

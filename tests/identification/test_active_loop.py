@@ -130,12 +130,12 @@ def test_a_trial_may_take_each_muscles_pressures_from_another_movement(run, tmp_
     for row in found["trials"].to_dict("records"):
         sources = read_sources(row["pressures_from"])
         trial = recorded.query("arm == @row['arm'] and trial == @row['trial']")
-        assert list(sources) == list(tables["hyperprior"]["muscle"].unique())
-        for muscle, source in sources.items():
+        for muscle in tables["hyperprior"]["muscle"].unique():
+            source = row["trajectory"] if row["arm"] == "random" else sources[muscle]
             asked = bank[bank["trajectory"] == source].loc[muscle, "pressure_command_kpa"]
             np.testing.assert_allclose(trial.loc[muscle, "pressure_command_kpa"], asked, atol=1e-9)
             others += source != row["trajectory"]
-    assert others > 6
+    assert others > 3
 
 
 def test_a_loop_goes_on_with_its_trials_where_their_number_or_what_ends_it_changes(run, tmp_path):

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg import solve_triangular
+from scipy.linalg import lapack
 from scipy.spatial.distance import cdist
 
 from stages.science.gp.kernel import Array
@@ -61,15 +61,12 @@ class TaskVariance:
         across = across.reshape(count, samples, -1)
         whitened = whitened.T.reshape(count, samples, -1)
         scaled = (points / self._lengths).reshape(count, samples, -1)
-        among = np.array([self._covary(each, each) for each in scaled]) - whitened @ whitened.swapaxes(1, 2)
+        squares = np.square(scaled[:, :, None] - scaled[:, None]).sum(axis=-1)
+        among = self._signal * np.exp(-0.5 * squares) - whitened @ whitened.swapaxes(1, 2)
         among[:, np.arange(samples), np.arange(samples)] += self._noise
         lower = np.linalg.cholesky(among)
-        return np.array(
-            [
-                np.square(solve_triangular(its, each, lower=True, check_finite=False)).sum()
-                for its, each in zip(lower, across, strict=True)
-            ]
-        ) / len(self._task)
+        solved = (lapack.dtrtrs(its, each, lower=1)[0] for its, each in zip(lower, across, strict=True))
+        return np.array([np.square(each).sum() for each in solved]) / len(self._task)
 
     def _covary(self, one: Array, other: Array) -> Array:
         """Return the prior covariance of inputs in units of the lengths."""

@@ -36,7 +36,7 @@ class Policy:
         Bound on the working memory of a bank's scores (MB).
     exchanged : tuple of int
         Inputs that each muscle may take from another trajectory of the bank than the one that is executed; none where
-        trajectories are executed as they are.
+        trajectories are executed as they are, as ``random`` ones always are.
     """
 
     utility: str
@@ -51,7 +51,7 @@ class Policy:
 class Choice:
     """A trajectory's index in the bank, and the (R,) utilities, minus infinity where excluded; None at random.
 
-    `sources` are the trajectories that the M muscles' exchanged inputs are taken from; empty where none is exchanged.
+    `sources` are the trajectories that the M muscles' exchanged inputs are taken from; empty where none are.
     """
 
     trajectory: int
@@ -172,10 +172,7 @@ class Knowledge(ABC):
                 "record a larger bank or allow reuse"
             )
         if self.design.utility == "random":
-            trajectory = int(generator.choice(available))
-            count = len(self.candidates[0])
-            sources = [int(generator.integers(count)) for _ in self.candidates if self.design.exchanged]
-            return Choice(trajectory, None, tuple(sources))
+            return Choice(int(generator.choice(available)), None)
         found = self._find_sources()
         scores = self._score(self.exchange(found))
         scores[~np.isin(np.arange(len(scores)), available)] = -np.inf
