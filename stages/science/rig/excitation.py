@@ -5,8 +5,8 @@ records free movements, or draws levels from the same ranges, checks them here a
 the path of its own section in front.
 """
 
-from collections.abc import Mapping
-from typing import Annotated, Any, Self
+from collections.abc import Mapping, Sequence
+from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -64,23 +64,47 @@ class Pressure(Declared):
         )
 
 
+Pattern = Literal["independent", "constant", "together", "opposed"]
+"""Of muscles' pressures: each by itself, at their first level, rising and falling together, or antagonists against."""
+
+
 class MovementKind(Declared):
     """A kind of free movement: how it differs from a natural one, and how many of a set are of it."""
 
     share: float = Field(gt=0, le=1, description="share of the set's movements, 1")
-    range_ratio: float = Field(gt=0, le=1, description="range of postures over that of natural movements, 1")
-    duration_ratio: float = Field(ge=0.1, le=100, description="durations over those of natural movements, 1")
-    constant_pressure: bool = Field(description="whether pressures stay at their first level")
+    range_ratio: float = Field(gt=0, le=2, description="range of postures over that of natural movements, 1")
+    duration_ratio: float = Field(ge=0.1, le=100, description="durations of reaches over natural ones, 1")
+    rest_ratio: float = Field(ge=0, le=100, description="durations of rests over natural ones, 1")
+    pressures: Pattern = Field(description="how muscles' pressures vary")
     instruction: str = Field(min_length=1, description="what the experimenter is told")
 
     @property
     def manner(self) -> Manner:
         """How the experimenter moves."""
-        return Manner(self.range_ratio, self.duration_ratio)
+        return Manner(self.range_ratio, self.duration_ratio, self.rest_ratio)
+
+    def shape(self, command_kpa: Array, ranges: Sequence[Range], agonists: Sequence[bool]) -> Array:
+        """Return a command (T, M) in this kind's pattern, from one that varies by itself in each muscle's range.
+
+        ``together`` and ``opposed`` muscles follow the first one: in the second case, antagonists where it falls.
+        """
+        if self.pressures == "constant":
+            return np.repeat(command_kpa[:1], len(command_kpa), axis=0)
+        if self.pressures == "independent":
+            return command_kpa
+        low, high = np.array([(each.low, each.high) for each in ranges]).T
+        share = (command_kpa[:, :1] - low[0]) / max(high[0] - low[0], np.finfo(float).tiny)
+        opposed = np.array(agonists) != agonists[0] if self.pressures == "opposed" else np.zeros(len(low), dtype=bool)
+        return np.asarray(low + (high - low) * np.where(opposed, 1.0 - share, share))
 
 
 NATURAL_KIND = MovementKind(
-    share=1.0, range_ratio=1.0, duration_ratio=1.0, constant_pressure=False, instruction="a natural movement"
+    share=1.0,
+    range_ratio=1.0,
+    duration_ratio=1.0,
+    rest_ratio=1.0,
+    pressures="independent",
+    instruction="a natural movement",
 )
 
 
@@ -155,9 +179,10 @@ class FreeMovements(Declared):
 
         Returned are its number, as ``trajectory``, and the columns of `RECORDING_COLUMNS` (M T,).
         """
-        kind, command = self.find_kind(trajectory), self.pressure.draw(rig, generator)
-        if kind.constant_pressure:
-            command = np.repeat(command[:1], len(command), axis=0)
+        kind, muscles = self.find_kind(trajectory), rig.exoskeleton.muscles
+        ranges = [self.pressure.range_kpa[each.name] for each in muscles]
+        agonists = [each.role == "agonist" for each in muscles]
+        command = kind.shape(self.pressure.draw(rig, generator), ranges, agonists)
         trial = Trial("free", "experimenter", command, None, label, number, proposal, kind.manner)
         columns = tidy(rig.execute(trial, generator, watch), rig)
         return {"trajectory": np.full(len(columns["time_s"]), trajectory), **columns}

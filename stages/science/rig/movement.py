@@ -32,7 +32,8 @@ def move_freely(
 ) -> Array:
     """Draw a movement of all joints, (samples, J), rad: a natural one, or one in another manner.
 
-    A smaller one lies about a posture that is drawn within the natural range.
+    A smaller one lies about a posture that is drawn within the natural range; a wider one about the middle of the
+    joint's range, and ends with that.
     """
     lower, upper = np.array([(joint.lower_rad, joint.upper_rad) for joint in exoskeleton.joints]).T
     margin = 0.5 * (1.0 - movement.range_share) * (upper - lower)
@@ -41,13 +42,16 @@ def move_freely(
         half = 0.5 * manner.range_ratio * (high - low)
         centre = generator.uniform(low + half, high - half)
         low, high = centre - half, centre + half
-    longer = manner.duration_ratio
+    elif manner.range_ratio > 1.0:
+        wider = 0.5 * (manner.range_ratio - 1.0) * (high - low)
+        low, high = np.maximum(low - wider, lower), np.minimum(high + wider, upper)
+    move_ratio, rest_ratio = manner.duration_ratio, manner.rest_ratio
     return reach_postures(
         generator,
         low,
         high,
         samples,
         exoskeleton.sampling_rate_hz,
-        (longer * movement.shortest_move_s, longer * movement.longest_move_s),
-        (longer * movement.shortest_rest_s, longer * movement.longest_rest_s),
+        (move_ratio * movement.shortest_move_s, move_ratio * movement.longest_move_s),
+        (rest_ratio * movement.shortest_rest_s, rest_ratio * movement.longest_rest_s),
     )

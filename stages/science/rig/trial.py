@@ -55,13 +55,14 @@ class Proposal:
 
 @dataclass(frozen=True)
 class Manner:
-    """How free movements differ from natural ones: their range and their durations over those of natural ones."""
+    """How free movements differ from natural ones: range, and durations of reaches and rests, over natural ones."""
 
     range_ratio: float
     duration_ratio: float
+    rest_ratio: float
 
 
-NATURAL = Manner(1.0, 1.0)
+NATURAL = Manner(1.0, 1.0, 1.0)
 
 
 @dataclass(frozen=True, eq=False)

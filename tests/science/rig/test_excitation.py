@@ -148,31 +148,56 @@ def test_free_movements_span_the_share_of_each_joints_range_about_its_middle(gen
 
 
 def make_kinds(**kinds):
-    common = {"range_ratio": 1.0, "duration_ratio": 1.0, "constant_pressure": False, "instruction": "move"}
+    common = {
+        "range_ratio": 1.0,
+        "duration_ratio": 1.0,
+        "rest_ratio": 1.0,
+        "pressures": "independent",
+        "instruction": "move",
+    }
     return {name: MovementKind(**(common | each)) for name, each in kinds.items()}
 
 
 def test_kinds_of_movement_differ_from_natural_ones_as_they_say():
     kinds = make_kinds(
-        natural={"share": 0.25},
-        small={"share": 0.25, "range_ratio": 0.2},
-        slow={"share": 0.25, "duration_ratio": 20.0},
-        held={"share": 0.25, "constant_pressure": True},
+        natural={"share": 0.16},
+        small={"share": 0.14, "range_ratio": 0.2},
+        slow={"share": 0.14, "duration_ratio": 20.0, "rest_ratio": 20.0},
+        held={"share": 0.14, "pressures": "constant"},
+        wide={"share": 0.14, "range_ratio": 2.0},
+        resting={"share": 0.14, "rest_ratio": 100.0},
+        opposed={"share": 0.14, "pressures": "opposed"},
     )
-    movements = FreeMovements(seed=1, trajectories=16, kinds=kinds, pressure=make_pressure())
-    span, speed, swing = ({name: [] for name in kinds} for _ in range(3))
+    movements = FreeMovements(seed=1, trajectories=28, kinds=kinds, pressure=make_pressure())
+    span, speed, swing, still = ({name: [] for name in kinds} for _ in range(4))
     with configured() as rig:
-        for trajectory in range(16):
+        for trajectory in range(28):
             found = movements.record(trajectory, rig, np.random.default_rng(trajectory), "bank")
             name = movements.name_kind(trajectory)
             angle, command = (found[each].reshape(4, -1) for each in ("joint_angle_rad", "pressure_command_kpa"))
             span[name].append(np.ptp(angle, axis=1).mean())
             speed[name].append(np.abs(found["joint_velocity_rad_per_s"]).mean())
             swing[name].append(np.ptp(command, axis=1).max())
+            still[name].append((np.abs(found["joint_velocity_rad_per_s"]) < 0.1).mean())
+            if name == "opposed":
+                assert np.corrcoef(command) == pytest.approx(np.outer([1, -1, 1, -1], [1, -1, 1, -1]), abs=0.01)
     assert {len(each) for each in span.values()} == {4}
     assert np.mean(span["small"]) < 0.5 * np.mean(span["natural"])
     assert np.mean(speed["slow"]) < 0.5 * np.mean(speed["natural"])
     assert max(swing["held"]) < 0.05 * min(swing["natural"])
+    assert np.mean(span["wide"]) > 1.05 * np.mean(span["natural"])
+    assert np.mean(still["resting"]) > 1.5 * np.mean(still["natural"])
+
+
+def test_co_contracted_pressures_rise_and_fall_together_within_each_muscles_range(generator):
+    (kind,) = make_kinds(held={"share": 1.0, "pressures": "together"}).values()
+    ranges = [RANGES[name] for name in configured().muscles]
+    drawn = make_pressure().draw(configured(), generator)
+    found = kind.shape(drawn, ranges, [True, False, True, False])
+    shares = (found - [each.low for each in ranges]) / [each.high - each.low for each in ranges]
+    np.testing.assert_allclose(found[:, 0], drawn[:, 0], rtol=1e-12)
+    np.testing.assert_allclose(shares, np.repeat(shares[:, :1], 4, axis=1), atol=1e-12)
+    assert np.ptp(shares) > 0.3
 
 
 def test_any_first_part_of_a_set_has_the_shares_of_its_kinds():
