@@ -27,6 +27,7 @@ from stages.science.figures.expected_errors import draw_expected_errors
 from stages.science.figures.trial_commands import draw_chosen_trials
 from stages.science.gp.interaction import Interaction
 from stages.science.gp.knowledge import Choice
+from stages.science.gp.task_utilities import TASK_UTILITIES
 from stages.science.muscle_models.description import describe_choice, describe_models
 from stages.science.muscle_models.error_rates import ForceTest
 from stages.science.muscle_models.expected_errors import Spread, forecast_error
@@ -212,11 +213,12 @@ class TaskKnown(View):
                 "says what models are wanted for; set active_loop.until.error_percent=null and "
                 "active_loop.until.gain_percent=null, or leave experiment and workflow out"
             )
-        if "integrated_variance" in asked:
-            raise ValueError(
-                "active_loop.utility: integrated_variance asks for the stage task, which says what models are wanted "
-                "for, and this workflow has none; set active_loop=paper, or leave experiment and workflow out"
-            )
+        for name in asked:
+            if name in TASK_UTILITIES:
+                raise ValueError(
+                    f"active_loop.utility: {name} asks for the stage task, which says what models are wanted for, and "
+                    "this workflow has none; set active_loop=paper, or leave experiment and workflow out"
+                )
         return self
 
 

@@ -137,6 +137,8 @@ def test_an_end_by_the_task_is_refused_without_one():
 def test_a_choice_that_serves_a_task_is_refused_without_one_before_anything_is_measured():
     left = [each for each in CHAIN if each != "task"]
     assert_refused(left, "active_loop.utility: integrated_variance asks for the stage task", "~task")
+    sampled = "active_loop=paper", "active_loop.subsample_utility=predictive_information"
+    assert_refused(left, "active_loop.utility: predictive_information asks for the stage task", "~task", *sampled)
 
 
 def test_errors_on_the_task_are_of_its_region_alone(designed, tmp_path):

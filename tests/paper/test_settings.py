@@ -66,6 +66,7 @@ def test_nonsense_is_refused(stated, key, value, message):
     [
         ("hyperprior_sensitivity", "bank.trajectories", 4, r"sensitivity\.loop\.trials: expected at most 2"),
         ("time_shift", "bank.trajectories", 4, r"time_shift\.loop\.trials: expected at most 2"),
+        ("time_shift", "time_shift.loop.utility", "predictive_information", "asks for no task"),
         ("time_shift", "time_shift.amplitudes_s", [0.003], r"from one sample, 0\.004 s, to a trial, 4 s, got \[0\.003"),
     ],
 )

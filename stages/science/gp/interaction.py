@@ -13,11 +13,12 @@ from typing import Self
 import numpy as np
 from numpy.typing import NDArray
 
-from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE, TaskVariance, reduce_task_variance
+from stages.science.gp.integrated_variance import TaskVariance
 from stages.science.gp.kernel import Array
 from stages.science.gp.knowledge import Choice, Knowledge, Policy, check_muscles, check_trajectories
 from stages.science.gp.marginal import MarginalGP, condition, fit
 from stages.science.gp.subsample import Displace, check_count, subsample
+from stages.science.gp.task_utilities import TASK_UTILITIES, task_utility
 
 SOURCE_TASK = 100
 """Task inputs, about, over which sources of exchanged inputs are compared; the best ones are scored over all."""
@@ -32,11 +33,11 @@ class Design(Policy):
     utility, reduce, reuse_trajectories, mean, memory_mb, exchanged
         As in `Policy`.
     subsample_utility : str
-        What a recording's samples are picked by; a name in `UTILITIES`, ``integrated_variance`` or ``random``.
+        What a recording's samples are picked by; a name in `UTILITIES` or `TASK_UTILITIES`, or ``random``.
     points_per_trial : int
         Samples that each muscle's model takes from a trial.
     joint_every : int
-        ``log_det`` and ``integrated_variance``, which score samples together, take every so-many-th of a trajectory.
+        ``log_det`` and `TASK_UTILITIES`, which score samples together, take every so-many-th of a trajectory.
     starts : int
         Starts of each MAP search beside the warm one.
     """
@@ -78,10 +79,10 @@ class Interaction(Knowledge):
         return self.design.joint_every
 
     def _score(self, candidates: Sequence[Array]) -> Array:
-        if self.design.utility != INTEGRATED_VARIANCE:
+        if self.design.utility not in TASK_UTILITIES:
             return super()._score(candidates)
         check_muscles(len(self.priors), self.tasks)
-        return reduce_task_variance(self.models, self.tasks, *self._thin(candidates))
+        return task_utility(self.models, self.tasks, *self._thin(candidates), self.design.utility)
 
     def _thin(self, candidates: Sequence[Array]) -> tuple[list[Array], int]:
         """Return the candidates that are scored together, and how many a trial gives: as many at least are left."""
@@ -94,10 +95,10 @@ class Interaction(Knowledge):
         return [each[:, :: samples // min(self.design.points_per_trial, samples)] for each in self.candidates]
 
     def _score_muscle(self, muscle: int, inputs: Array) -> Array:
-        if self.design.utility != INTEGRATED_VARIANCE:
+        if self.design.utility not in TASK_UTILITIES:
             return super()._score_muscle(muscle, inputs)
         task = self.tasks[muscle][:: max(1, len(self.tasks[muscle]) // SOURCE_TASK)]
-        return TaskVariance(self.models[muscle], task).take(inputs)
+        return TASK_UTILITIES[self.design.utility](self.models[muscle], task).gain(inputs)
 
     def foresee(self, choice: Choice) -> Array:
         """Return what the best samples of a choice would take from each muscle's mean variance over its task, (M,).
@@ -164,8 +165,8 @@ class Interaction(Knowledge):
     ) -> NDArray[np.intp]:
         count, utility = self.design.points_per_trial, self.design.subsample_utility
         check_count(count, len(x))
-        if utility == INTEGRATED_VARIANCE:
-            return TaskVariance(self.models[muscle], self.tasks[muscle]).pick(x, count, displace)[0]
+        if utility in TASK_UTILITIES:
+            return TASK_UTILITIES[utility](self.models[muscle], self.tasks[muscle]).pick(x, count, displace)[0]
         if utility != "random":
             return subsample(self.models[muscle], x, y, count, utility, displace)
         taken: list[int] = []

@@ -25,7 +25,7 @@ class Policy:
     Parameters
     ----------
     utility : str
-        What a trajectory is chosen by; a name in `UTILITIES`, ``log_det``, ``integrated_variance`` or ``random``.
+        What a trajectory is chosen by; a name in `UTILITIES` or `TASK_UTILITIES`, ``log_det`` or ``random``.
     reduce : str
         ``sum`` or ``max`` over a trajectory's samples.
     reuse_trajectories : bool
@@ -78,7 +78,7 @@ class Knowledge(ABC):
     used : frozenset of int
         Trajectories executed so far.
     tasks : tuple over M muscles of (Q, D) float arrays
-        Standardised inputs that the models are wanted for; ``integrated_variance`` alone asks for them.
+        Standardised inputs that the models are wanted for; `TASK_UTILITIES` alone ask for them.
     """
 
     design: Policy

@@ -11,12 +11,15 @@ from typing import Annotated, Literal, Self
 from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
 
 from stages.science.gp.interaction import Design
+from stages.science.gp.task_utilities import TASK_UTILITIES
 
 MOST_POINTS = 2000
 """Points of an exact GP, beyond which its covariance (8 N^2 bytes, 32 MB) and the N^3 / 3 operations of each of the
 thousands of steps in which hyperparameters are sought take a day for each trial of each arm."""
 
-Utility = Literal["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "integrated_variance", "random"]
+Utility = Literal[
+    "y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "integrated_variance", "predictive_information", "random"
+]
 Points = Annotated[int, Field(ge=1, le=MOST_POINTS)]
 
 
@@ -38,7 +41,9 @@ class DesignSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     utility: Utility
-    subsample_utility: Literal["y_y", "f_f", "f_y", "y_y_theta", "variance", "integrated_variance", "random"]
+    subsample_utility: Literal[
+        "y_y", "f_f", "f_y", "y_y_theta", "variance", "integrated_variance", "predictive_information", "random"
+    ]
     trials: Annotated[int, Field(gt=0, le=MOST_POINTS)]
     initial_points: Points
     points_per_trial: Points
@@ -79,9 +84,10 @@ class LoopSettings(DesignSettings):
             When the bank has too few movements for all trials, or a trial too few samples for what is taken from it.
         """
         for key in ("utility", "subsample_utility"):
-            if getattr(self, key) == "integrated_variance":
+            chosen = getattr(self, key)
+            if chosen in TASK_UTILITIES:
                 raise ValueError(
-                    f"{section}.loop.{key}: expected a choice that asks for no task, got integrated_variance, which "
+                    f"{section}.loop.{key}: expected a choice that asks for no task, got {chosen}, which "
                     f"the main job alone has; set {section}.loop.{key}=y_y"
                 )
         spare, initial = movements - self.initial_trials, self.initial_trials * samples

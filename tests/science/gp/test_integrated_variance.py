@@ -5,10 +5,11 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE, TaskVariance, reduce_task_variance
+from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE, TaskVariance
 from stages.science.gp.interaction import Design, Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.gp.marginal import condition
+from stages.science.gp.task_utilities import task_utility
 from tests.science.gp.data import make_data, make_prior
 
 
@@ -59,7 +60,7 @@ def test_a_trajectory_scores_what_its_picks_take_added_over_muscles(model, task,
         np.array([TaskVariance(each, task).pick(inputs, 3)[1] for inputs in bank])
         for each, bank in zip((model, other), banks, strict=True)
     )
-    scores = reduce_task_variance([model, other], [task, task], banks, 3)
+    scores = task_utility([model, other], [task, task], banks, 3, INTEGRATED_VARIANCE)
     np.testing.assert_allclose(scores, expected, rtol=1e-9)
     assert np.ptp(scores) > 0.01 * scores.max()
 
@@ -109,10 +110,10 @@ def test_what_a_trajectory_would_take_is_foreseen_for_each_muscle(model, task, g
 def test_what_all_samples_of_trajectories_take_together_is_what_a_grown_model_has_less(model, task, generator):
     bank = generator.standard_normal((3, 6, 3))
     expected = [mean_variance(model, task) - mean_variance(model, task, *trial) for trial in bank]
-    np.testing.assert_allclose(TaskVariance(model, task).take(bank), expected, rtol=1e-9)
+    np.testing.assert_allclose(TaskVariance(model, task).gain(bank), expected, rtol=1e-9)
 
 
-@pytest.mark.parametrize("utility", [INTEGRATED_VARIANCE, "y_y"])
+@pytest.mark.parametrize("utility", [INTEGRATED_VARIANCE, "predictive_information", "y_y"])
 def test_the_best_exchange_of_inputs_is_found_among_all_combinations(task, generator, utility):
     settings = {"reduce": "sum", "reuse_trajectories": False, "mean": "zero", "memory_mb": 64.0}
     design = Design(utility, **settings, exchanged=(0, 2), subsample_utility=INTEGRATED_VARIANCE, points_per_trial=3,

@@ -1,0 +1,48 @@
+"""The utilities that serve a task, by name, and the scores of a bank by one of them."""
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+
+from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE, TaskVariance
+from stages.science.gp.kernel import Array
+from stages.science.gp.marginal import MarginalGP
+from stages.science.gp.predictive_information import PREDICTIVE_INFORMATION, TaskInformation
+from stages.science.gp.task_gain import TaskGain
+
+TASK_UTILITIES: Mapping[str, type[TaskGain]] = {
+    INTEGRATED_VARIANCE: TaskVariance,
+    PREDICTIVE_INFORMATION: TaskInformation,
+}
+
+
+def task_utility(
+    models: Sequence[MarginalGP], tasks: Sequence[Array], candidates: Sequence[Array], count: int, utility: str
+) -> Array:
+    """Return what the best `count` samples of every trajectory gain for the tasks, (R,).
+
+    Parameters
+    ----------
+    models, tasks, candidates : sequences over M muscles of MarginalGP, (Q, D) and (R, T, D) float arrays
+        Standardised inputs that the models are wanted for, and those along each trajectory.
+    count : int
+        Samples that a trial gives each model.
+    utility : str
+        In `TASK_UTILITIES`.
+
+    Returns
+    -------
+    (R,) float array
+        Added over muscles, each in the square of its standard unit or in nats.
+
+    Raises
+    ------
+    ValueError
+        When shapes do not fit or a task is empty.
+    """
+    gain = TASK_UTILITIES[utility]
+    scores = [
+        gain(model, task).score(inputs, count) for model, task, inputs in zip(models, tasks, candidates, strict=True)
+    ]
+    total: Array = np.sum(scores, axis=0)
+    return total
