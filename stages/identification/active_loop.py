@@ -321,6 +321,8 @@ def active_loop(
         f"References and pressure commands chosen for {first.participant}, experiment {first.experiment}, "
         f"by {arms[0]}, in the order of the trials."
     )
+    if cfg.active_loop.exchange_pressures:
+        caption += " Pressures are each muscle's own choice of a movement (trials.pressures_from)."
     pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
     groups = {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}
     ctx.figure(
