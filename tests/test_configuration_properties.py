@@ -81,6 +81,7 @@ def test_any_value_is_accepted_or_refused_by_a_line_that_names_its_key(path, oth
 
 
 UTILITIES = ["y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "predictive_information", "random"]
+UTILITIES.append("hyperparameter_information")
 DURATIONS = ["{low: 0.0,high: 0.0}", "{low: 0.0,high: 0.01}", "{low: 0.004,high: 0.3}", "{low: 3600.0,high: 3600.0}"]
 SMALL = {
     "bank.seed": st.integers(0, 2**40),

@@ -33,10 +33,10 @@ def test_utilities_are_arms_from_the_same_initial_data(pamid):
     result = pamid("experiment=utilities", "budget=tiny", "active_loop.trials=1", "figures=[png]")
     assert result.returncode == 0, result.stderr
     curve = pd.read_parquet(pamid.runs[0] / "tables/learning_curve.parquet")
-    arms = ["integrated_variance", "y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "predictive_information"]
-    arms.append("random")
+    arms = ["integrated_variance", "y_y", "f_f", "f_y", "y_y_theta", "hyperparameter_information", "log_det"]
+    arms += ["variance", "predictive_information", "random"]
     assert list(curve["arm"].unique()) == arms
     start = curve[curve["trial"] == 0].pivot(index=["tested_on", "muscle"], columns="arm", values="error_rate")
     assert np.ptp(start.to_numpy(), axis=1).max() == 0
     compared = pd.read_parquet(pamid.runs[0] / "tables/paired_comparison.parquet")
-    assert len(compared) == 2 * 16
+    assert len(compared) == 2 * 18

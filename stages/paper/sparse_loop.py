@@ -98,7 +98,7 @@ SPARSE_PSEUDO_INPUTS = Table(
 )
 TABLES = (SPARSE_TRIALS, SPARSE_RECORDINGS, SPARSE_MODELS, SPARSE_PSEUDO_INPUTS)
 
-Chosen = Literal["y_y", "f_f", "f_y", "y_y_theta", "variance", "random"]
+Chosen = Literal["y_y", "f_f", "f_y", "y_y_theta", "hyperparameter_information", "variance", "random"]
 
 
 class SparseLoop(Section):

@@ -5,7 +5,7 @@ utilities of (B, D) points flow out, with working memory that is bounded.
 
 Where V is no more than its rounding error, f is known whatever the hyperparameters: V >= 0 for every theta, so V = 0 is
 a minimum over theta, dV = 0 there, and dV'S dV / (3 V) -> 0 with V because |dV|^2 = O(V^2) at a noise-free datum. That
-term is left out there, and V is held at its rounding error, so that all utilities stay finite.
+term is left out there, as is dV in dl, and V is held at its rounding error, so that all utilities stay finite.
 """
 
 from abc import ABC, abstractmethod
@@ -143,12 +143,14 @@ class MarginalModel(ABC):
 
     def _terms(self, predictor: ChunkPredictor, chunk: Array) -> tuple[Array, PredictiveTerms]:
         moments = predictor.differentiate(chunk)
-        by_mean, by_variance = (
-            np.square(self.laplace.root.T @ each).sum(axis=0) for each in (moments.mean_slope, moments.variance_slope)
-        )
+        mean, variance = (self.laplace.root.T @ each for each in (moments.mean_slope, moments.variance_slope))
+        by_mean, by_variance = (np.square(each).sum(axis=0) for each in (mean, variance))
         known = moments.variance <= predictor.floor
         q = by_mean + np.where(known, 0.0, by_variance / (3.0 * moments.variance))
-        return moments.mean, PredictiveTerms(moments.variance, q, self.noise_variance)
+        noise = 2.0 * self.noise_variance * self.laplace.root[self.hyperparameters.lengths.size + 1]
+        log_variance = (np.where(known, 0.0, variance) + noise[:, None]) / (moments.variance + self.noise_variance)
+        by_log = np.square(log_variance).sum(axis=0)
+        return moments.mean, PredictiveTerms(moments.variance, q, self.noise_variance, by_mean, by_log)
 
     def _gather(
         self,

@@ -1,7 +1,8 @@
 """What one more measurement at a point would tell: the point utilities, by name.
 
 Predictive terms flow in, nats (or a variance) flow out. V is the variance of f at theta_MAP, Vm the marginal GP's,
-sn^2 the noise; q is what uncertain hyperparameters add, q = dm' S dm + dV' S dV / (3 V), so that Vm = 4/3 V + q.
+sn^2 the noise; q is what uncertain hyperparameters add, q = dm' S dm + dV' S dV / (3 V), so that Vm = 4/3 V + q. A
+measurement is normal around m with the log variance l = log(V + sn^2), and theta moves both.
 """
 
 from collections.abc import Callable, Mapping, Sequence
@@ -14,11 +15,25 @@ from stages.science.gp.kernel import Array
 
 @dataclass(frozen=True)
 class PredictiveTerms:
-    """Predictive terms of B points: V and q, (B,) each, and sn^2."""
+    """Predictive terms of B points, in standard units of the output (squared), and nats.
+
+    Parameters
+    ----------
+    variance : (B,) float array
+        V.
+    hyperparameter_variance : (B,) float array
+        q.
+    noise_variance : float
+        sn^2.
+    mean_variance, log_variance_variance : (B,) float arrays
+        dm' S dm and dl' S dl: how theta ~ N(theta_MAP, S) moves m and l, to first order.
+    """
 
     variance: Array
     hyperparameter_variance: Array
     noise_variance: float
+    mean_variance: Array
+    log_variance_variance: Array
 
     @property
     def marginal_variance(self) -> Array:
@@ -46,13 +61,25 @@ def y_y_theta(terms: PredictiveTerms) -> Array:
     return 0.5 * np.log1p(terms.hyperparameter_variance / (terms.variance + terms.noise_variance))
 
 
+def hyperparameter_information(terms: PredictiveTerms) -> Array:
+    """Information about all hyperparameters, the noise's too: 1/2 log(1 + dm' S dm / s^2 + 1/2 dl' S dl), s^2 = exp(l).
+
+    It is H[y] - E H[y | theta] where y is taken for normal with the variance that it has over theta, to first order in
+    S s^2 (1 + 1/2 dl' S dl) + dm' S dm, and log s^2 is l on average. To that order it is exact: 1/2 tr S F with the
+    Fisher information F = dm dm' / s^2 + 1/2 dl dl' of a normal measurement. Beyond, it is too high, as y is not
+    normal: by (dl' S dl)^2 / 8 + 3/4 (dm' S dl)^2 / s^2 to second order.
+    """
+    by_mean = terms.mean_variance / (terms.variance + terms.noise_variance)
+    return 0.5 * np.log1p(by_mean + 0.5 * terms.log_variance_variance)
+
+
 def variance(terms: PredictiveTerms) -> Array:
     """Control: the plain variance V."""
     return terms.variance
 
 
 UTILITIES: Mapping[str, Callable[[PredictiveTerms], Array]] = {
-    each.__name__: each for each in (y_y, f_f, f_y, y_y_theta, variance)
+    each.__name__: each for each in (y_y, f_f, f_y, y_y_theta, hyperparameter_information, variance)
 }
 """Point utilities by name; ``log_det`` scores whole trajectories, see `trajectory_utility`."""
 

@@ -18,7 +18,27 @@ MOST_POINTS = 2000
 thousands of steps in which hyperparameters are sought take a day for each trial of each arm."""
 
 Utility = Literal[
-    "y_y", "f_f", "f_y", "y_y_theta", "log_det", "variance", "integrated_variance", "predictive_information", "random"
+    "y_y",
+    "f_f",
+    "f_y",
+    "y_y_theta",
+    "hyperparameter_information",
+    "log_det",
+    "variance",
+    "integrated_variance",
+    "predictive_information",
+    "random",
+]
+SampleUtility = Literal[
+    "y_y",
+    "f_f",
+    "f_y",
+    "y_y_theta",
+    "hyperparameter_information",
+    "variance",
+    "integrated_variance",
+    "predictive_information",
+    "random",
 ]
 Points = Annotated[int, Field(ge=1, le=MOST_POINTS)]
 
@@ -41,9 +61,7 @@ class DesignSettings(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     utility: Utility
-    subsample_utility: Literal[
-        "y_y", "f_f", "f_y", "y_y_theta", "variance", "integrated_variance", "predictive_information", "random"
-    ]
+    subsample_utility: SampleUtility
     trials: Annotated[int, Field(gt=0, le=MOST_POINTS)]
     initial_points: Points
     points_per_trial: Points

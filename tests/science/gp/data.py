@@ -48,7 +48,7 @@ def assert_sound(model, points, ask=lambda evaluate, *given: evaluate(*given)):
         if scores is not None:
             assert scores.shape == (count,)
             assert np.isfinite(scores).all()
-            assert name not in ("y_y", "y_y_theta") or (scores >= 0).all()
+            assert name not in ("y_y", "y_y_theta", "hyperparameter_information") or (scores >= 0).all()
     joint = ask(model.joint_information, points)
     if joint is not None:
         assert np.isfinite(joint)

@@ -167,6 +167,8 @@ def test_marginal_variance_and_utilities_are_the_formulas(way, mean, given, gene
     predicted, v = model.predict(points)
     s, noise = covariance if given else model.laplace.covariance, model.noise_variance
     q = np.einsum("bp,pq,bq->b", dm, s, dm) + np.einsum("bp,pq,bq->b", dv, s, dv) / (3 * v)
+    dl = (dv + 2 * noise * (np.arange(dv.shape[1]) == 4)) / (v + noise)[:, None]
+    fisher = np.einsum("bp,bq->bpq", dm, dm) / (v + noise)[:, None, None] + 0.5 * np.einsum("bp,bq->bpq", dl, dl)
     marginal_mean, marginal = model.predict_marginal(points)
     np.testing.assert_allclose(marginal_mean, predicted, rtol=1e-8, atol=1e-10)
     np.testing.assert_allclose(marginal, 4 / 3 * v + q, rtol=1e-8)
@@ -175,6 +177,7 @@ def test_marginal_variance_and_utilities_are_the_formulas(way, mean, given, gene
         "f_f": 0.5 * np.log(marginal / v),
         "f_y": 0.5 * np.log(marginal / (v + noise)),
         "y_y_theta": 0.5 * np.log1p(q / (v + noise)),
+        "hyperparameter_information": 0.5 * np.log1p(np.trace(s @ fisher, axis1=1, axis2=2)),
         "variance": v,
     }
     assert set(expected) == set(UTILITIES)
@@ -240,7 +243,7 @@ def test_what_makes_no_sense_is_refused(way, generator):
         way.condition(x, y, pseudo, np.zeros(6))
     with pytest.raises(ValueError, match=r"covariance: expected shape \(5, 5\), got \(4, 4\)"):
         way.condition(x, y, pseudo, theta, covariance=np.eye(4))
-    with pytest.raises(ValueError, match="utility: expected one of y_y, f_f, f_y, y_y_theta, variance, got 'entropy'"):
+    with pytest.raises(ValueError, match=r"utility: expected one of y_y, f_f, .*, variance, got 'entropy'"):
         way.condition(x, y, pseudo, theta).utility(np.zeros((1, 3)), "entropy")
 
 

@@ -6,9 +6,9 @@ Outputs are large and S is small: the mean then carries what a measurement tells
 import numpy as np
 import pytest
 
-from stages.science.gp.marginal import condition
+from stages.science.gp.marginal import condition, fit
 from stages.science.gp.mutual_information import Information, draw_models, path_information, point_information
-from tests.science.gp.data import make_prior
+from tests.science.gp.data import make_data, make_prior
 
 THETA = np.array([0.2, 0.3, 0.1, 0.2, np.log(0.3)])
 DRAWS = 3000
@@ -148,3 +148,53 @@ def test_information_does_not_depend_on_the_size_of_blocks(model, generator, mon
     whole = point_information(models, points)
     monkeypatch.setattr("stages.science.gp.mutual_information.LARGEST_BLOCK", 40 * 40 * 7)
     np.testing.assert_array_equal(point_information(models, points), whole)
+
+
+def integrate_information(scales, weights):
+    """Return I(y; l) of y ~ N(0, s^2) with s by chance one of (K,) scales, by a fine grid over y."""
+    y, step = np.linspace(-60.0, 60.0, 240_001, retstep=True)
+    density = sum(w * np.exp(-0.5 * (y / s) ** 2) / s for s, w in zip(scales, weights, strict=True)) / np.sqrt(
+        2 * np.pi
+    )
+    marginal = -np.sum(density * np.log(np.maximum(density, 1e-300))) * step
+    return marginal - weights @ (0.5 * np.log(2 * np.pi * np.e) + np.log(scales))
+
+
+@pytest.mark.parametrize("sd", [0.05, 0.2, 0.35])
+def test_what_the_spread_of_a_measurement_tells_is_an_integral(sd):
+    """Far from data, without noise, l = 2 log sf; where 400 data fix f, l = 2 log sn: nothing else tells."""
+    nodes, weights = np.polynomial.hermite_e.hermegauss(40)
+    for known, log_sf, log_sn, moved in ((1, 0.3, -9.0, 3), (400, 0.2, np.log(0.3), 4)):
+        covariance = np.zeros((5, 5))
+        covariance[moved, moved] = sd**2
+        theta = np.array([0.2, 0.3, 0.1, log_sf, log_sn])
+        model = condition(np.zeros((known, 3)), np.zeros(known), theta, make_prior(), covariance=covariance)
+        point = np.full((1, 3), 50.0 if known == 1 else 0.0)
+        expected = integrate_information(np.exp(sd * nodes), weights / weights.sum())
+        told = model.utility(point, "hyperparameter_information")[0]
+        assert 0.99 * expected < told < (1.01 + 2 * sd**2) * expected
+        assert known == 1 or model.utility(point, "y_y_theta")[0] < 0.01 * expected
+
+
+def test_what_mean_and_spread_tell_together_is_nearer_to_the_estimate_than_y_y_and_y_y_theta(generator):
+    """Models of few data with their own Laplace approximations, at many points."""
+    off, ratios = {"y_y": [], "y_y_theta": [], "hyperparameter_information": []}, []
+    for count in (10, 40):
+        x, y = make_data(generator, count)
+        model = fit(x, y, make_prior(variance=0.2), generator=generator, starts=2)
+        points = generator.uniform(-1.5, 1.5, (60, 3))
+        expected = point_information(draw_models(model, 300, generator), points).mean(axis=0)
+        for name, its in off.items():
+            scores = model.utility(points, name)
+            its.extend(np.abs(np.log(scores / expected)))
+        ratios.append(scores.sum() / expected.sum())
+    errors = {name: np.mean(its) for name, its in off.items()}
+    assert errors["hyperparameter_information"] < 0.5 * min(errors["y_y"], errors["y_y_theta"]), errors
+    assert all(0.95 < ratio < 1.3 for ratio in ratios), ratios
+
+
+def test_hyperparameter_information_holds_what_the_mean_tells(model, paths, estimates):
+    for point, (expected, error) in zip(paths[:3], estimates, strict=False):
+        told = model.utility(point, "hyperparameter_information")[0]
+        assert told == pytest.approx(expected, abs=3 * error + 0.03 * expected)
+        assert told > model.joint_information(point)
