@@ -15,7 +15,7 @@ GROUPS = {path.name for path in CONF.iterdir() if path.is_dir()}
 
 def compose_values(*overrides: str) -> DictConfig:
     """Return what Hydra composes of a command line's overrides."""
-    options = tuple(each for each in overrides if each.lstrip("+~").partition("=")[0] in GROUPS)
+    options = tuple(each for each in overrides if each.lstrip("+~").partition("=")[0].partition("@")[0] in GROUPS)
     values = pickle.loads(_compose(options))
     others = OverridesParser.create().parse_overrides([each for each in overrides if each not in options])
     ConfigLoaderImpl._apply_overrides_to_config(others, values)

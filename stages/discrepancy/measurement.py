@@ -1,11 +1,11 @@
 """Reads what was measured, on whatever machine, into tables in this project's names and units.
 
 In: the files at ``measured=PATH``, whose bytes count in freshness, with the map of their columns and units; or, where
-there is no path, `hardware_recordings` or the session that a rig recorded. Out: `measured` (muscles over time,
-rectangular: every muscle of a trial has all of its samples, empty where nothing was recorded), `measured_signals`
-(signals of any other machine; one of the two is empty), `measured_trials`, `measured_muscles`, `measured_session`, and
-`measured_notes`, which says what was left out or derived. A file that does not hold what it should is refused in one
-line.
+there is no path, `hardware_recordings` with the `active_recordings` of the design's arm, or the session that a rig
+recorded. Out: `measured` (muscles over time, rectangular: every muscle of a trial has all of its samples, empty where
+nothing was recorded), `measured_signals` (signals of any other machine; one of the two is empty), `measured_trials`,
+`measured_muscles`, `measured_session`, and `measured_notes`, which says what was left out or derived. A file that does
+not hold what it should is refused in one line.
 """
 
 import re
@@ -33,7 +33,7 @@ from stages.science.recording.blocks import PROPOSED, WHOLE, arrange_records, li
 from stages.science.recording.clock import count_time, find_rate, regularise
 from stages.science.recording.column_map import ColumnMap, is_one_trial, join_parts
 from stages.science.recording.columns import RecordingError, check_rows, name_rows
-from stages.science.recording.datasets import find_starts, list_trials
+from stages.science.recording.datasets import find_starts, join_executed, list_trials
 from stages.science.recording.description import UNTOLD, describe, list_arguments, quote
 from stages.science.recording.files.bags import is_bag
 from stages.science.recording.files.readers import (
@@ -254,6 +254,7 @@ def measurement(
     cfg: Config,
     ctx: Context,
     hardware_recordings: pd.DataFrame | None = None,
+    active_recordings: pd.DataFrame | None = None,
     session_recordings: pd.DataFrame | None = None,
     session_machine: pd.DataFrame | None = None,
     further_recordings: pd.DataFrame | None = None,
@@ -267,7 +268,7 @@ def measurement(
         elif session_recordings is not None and session_machine is not None:
             source = read_rig_session(session_recordings, session_machine, further_recordings)
         else:
-            source = read_recordings(hardware_recordings, cfg)
+            source = read_recordings(hardware_recordings, active_recordings, cfg)
         with about(source.file):
             tables = tabulate_muscles(source, cfg)
     return {each.name: tables.get(each.name, pd.DataFrame(columns=list(each.columns))) for each in measurement.writes}
@@ -366,12 +367,12 @@ def read_wanted(file: Path, given: ColumnMap, header: Header) -> pd.DataFrame:
     return join_parts({end: read_samples(file, own).rename(columns=own) for end, own in parts.items()})
 
 
-def read_recordings(recordings: pd.DataFrame | None, cfg: Config) -> Source:
-    """Take what the hardware stage recorded for what was measured."""
-    if recordings is None or recordings.empty:
+def read_recordings(initial: pd.DataFrame | None, designed: pd.DataFrame | None, cfg: Config) -> Source:
+    """Take what the hardware stage recorded, and the trials of the design's arm after it, for what was measured."""
+    if initial is None or initial.empty:
         raise InputError("measured: expected recordings of the hardware stage, got none; set measured=PATH")
-    trial = recordings.groupby(["participant", "experiment", "position"], sort=False).ngroup()
-    samples = recordings[list(MEASURED.columns)[1:]].assign(trial=trial)
+    recordings = join_executed(initial, designed)
+    samples = recordings[list(MEASURED.columns)]
     amiss = recordings["status"] != "ok"
     samples.loc[amiss, [name for name in READINGS if name != "pressure_command_kpa"]] = float("nan")
     counts = recordings[amiss].groupby(["muscle", "status"], sort=False).size().reset_index(name="count")

@@ -13,7 +13,7 @@ from stages.science.discrepancy.settings import DiscrepancySettings, Tolerance
 from stages.science.output_channels.muscle_channels import Build, ForceChannel, MuscleChannel, PressureChannel, Records
 from stages.science.plant.effect import Parameter
 from stages.science.recording.measured_tables import MeasuredTables
-from stages.science.signals.filtering import decimate
+from stages.science.signals.filtering import decimate, smooth
 from stages.science.signals.trajectories import Array
 
 SIGNALS = {
@@ -41,8 +41,8 @@ def _collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, s
         known[name], signals[name] = _spread(own, order, column, samples)
     start = trials["start_s"].to_numpy(dtype=float)
     start = np.where(np.isfinite(start), start, np.arange(len(order)) * samples * step_s)
-    signals["smooth_pressure_kpa"] = _smooth(signals["pressure_kpa"], step_s, smoothing_s)
-    signals["velocity_per_s"] = _smooth(signals["velocity_per_s"], step_s, smoothing_s)
+    signals["smooth_pressure_kpa"] = smooth(signals["pressure_kpa"], step_s, smoothing_s)
+    signals["velocity_per_s"] = smooth(signals["velocity_per_s"], step_s, smoothing_s)
     others, seen = {}, {joints.get(muscle)}
     for name in [each for each in joints if each != muscle]:
         rows, joint = measured[measured["muscle"] == name], joints[name]
@@ -58,19 +58,6 @@ def _collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, s
     known = {name: decimate(each.astype(float), times) > 0.5 for name, each in known.items()}
     start -= start[0]
     return Records(times * step_s, start, **signals, known=known, others=others, averaged=times, readings=readings)
-
-
-def _smooth(signal: Array, step_s: float, width_s: float) -> Array:
-    """Return a signal without most of its sensor's noise and without delay: local cubics (Savitzky and Golay 1964).
-
-    Noise of an input passes into what is simulated from it; left there, every effect that blurs would seem to help.
-    """
-    from scipy.signal import savgol_filter
-
-    window = 2 * max(round(0.5 * width_s / step_s), 2) + 1
-    if len(signal) < window:
-        return signal
-    return np.asarray(savgol_filter(signal, window, 3, axis=0))
 
 
 def _spread(rows: pd.DataFrame, order: Sequence[int], column: str, samples: int) -> tuple[Any, Array]:

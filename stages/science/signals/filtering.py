@@ -1,4 +1,4 @@
-"""The derivative of a sampled signal, and the same signal at a lower rate."""
+"""The derivative of a sampled signal, and the same signal with less noise or at a lower rate."""
 
 import numpy as np
 
@@ -38,6 +38,20 @@ def window_samples(sampling_rate_hz: float, window_s: float) -> int:
 def window_length(sampling_rate_hz: float, window_s: float, order: int) -> int:
     """Return the odd number of samples nearest to a window's length that still holds a polynomial of that order."""
     return max(window_samples(sampling_rate_hz, window_s), order + 1 + order % 2)
+
+
+def smooth(signal: Array, step_s: float, width_s: float) -> Array:
+    """Return a signal, (T, K), with less noise and no delay: local cubics (Savitzky and Golay; see `differentiate`).
+
+    Noise of an input passes into what is simulated from it; left there, every effect that blurs would seem to help. A
+    signal shorter than the width, s, comes back as it is.
+    """
+    from scipy.signal import savgol_filter
+
+    window = 2 * max(round(0.5 * width_s / step_s), 2) + 1
+    if len(signal) < window:
+        return signal
+    return np.asarray(savgol_filter(signal, window, 3, axis=0))
 
 
 def decimate(signal: Array, factor: int, held: bool = False) -> Array:

@@ -1,0 +1,347 @@
+"""Models on the amended plant: its force is their mean, and a Gaussian process tells what it leaves.
+
+In: `points` and `models` of the design's arm, `hyperprior` and `scaling`, the recordings of the executed trials, and
+what the search made of them (`amended_values`, `learned_maps`, `channels`, `measured_muscles`); to test on, `bank`, and
+`unseen_bank` and `task_movements` where there are some, whose force the evaluation alone reads. Out: `grey_box_errors`,
+of four rungs (the nominal plant, the amended one, the Gaussian process as the design left it, and that of what the
+amended plant leaves), `grey_box_coverage`, `grey_box_models`, and `grey_box_summary`. This stage only reads: it chooses
+and measures nothing.
+"""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Annotated, Any, ClassVar, NamedTuple, Self
+
+import numpy as np
+import pandas as pd
+from pydantic import Field, PositiveInt, model_validator
+from scipy.special import ndtri
+
+from pipeline.config import Section, View
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column
+from stages.science.discrepancy.amendment import amend_plant
+from stages.science.discrepancy.patch import read_patches
+from stages.science.figures.grey_box import draw_rungs
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average
+from stages.science.muscle_models.grey_box import GreyBox, Interval, predict_interval
+from stages.science.muscle_models.inputs import ModelSettings
+from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.plant.measured_motion import simulate_force
+from stages.science.plant.plant import Plant
+from stages.science.recording.datasets import join_executed
+from stages.science.signals.measures import error_rate
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
+from stages.science.statistics.intervals import cover_blocks
+
+LEVEL = 0.95
+QUANTILE = float(ndtri(0.5 + LEVEL / 2))
+NOMINAL, AMENDED, PROCESS, GREY_BOX = RUNGS = ("nominal_plant", "amended_plant", "gaussian_process", "grey_box")
+DESCRIBED = {
+    NOMINAL: "the plant as the configuration has it",
+    AMENDED: "with fitted constants, named effects and learned maps",
+    PROCESS: "of the force, as the design left it",
+    GREY_BOX: "of what the amended plant leaves, on the same points",
+}
+PLANTS = (NOMINAL, AMENDED)
+WHO = ["participant", "experiment"]
+
+EXPERIMENT = {
+    "participant": column(str, "who tracked"),
+    "experiment": column(int, "experiment of this participant", low=1),
+}
+TESTED_ON = column(
+    str,
+    "task: the movements that models are wanted for; bank: those that trials were chosen from; unseen_bank: movements "
+    "that nothing else saw",
+    among=["task", "bank", "unseen_bank"],
+)
+MUSCLE = column(str, "muscle, or mean for the average over muscles")
+GREY_BOX_SUMMARY = Table(
+    "grey_box_summary",
+    "Error rate of each rung (RMSE / largest test force, mean over experiments), and what the 95 % intervals hold",
+    {
+        "tested_on": TESTED_ON,
+        "muscle": MUSCLE,
+        **{name: column(float, f"error rate: {told}", low=0) for name, told in DESCRIBED.items()},
+        "process_covered": column(
+            float, "share of the forces within 95 % intervals of gaussian_process, mean over experiments", low=0, high=1
+        ),
+        "grey_box_covered": column(float, "the same of grey_box", low=0, high=1),
+        "experiments": column(int, "how many", low=1),
+        "points": column(float, "samples that the models of a muscle stand on, mean over experiments", low=1),
+    },
+    key=("tested_on", "muscle"),
+)
+GREY_BOX_ERRORS = Table(
+    "grey_box_errors",
+    "Error rate of one rung in one experiment, over every sample of a test set",
+    {
+        **EXPERIMENT,
+        "tested_on": TESTED_ON,
+        "muscle": MUSCLE,
+        "rung": column(str, "; ".join(f"{name}: {told}" for name, told in DESCRIBED.items()), among=list(RUNGS)),
+        "error_rate": column(float, "RMSE of the force over the largest force of the test data", low=0),
+    },
+    key=(*EXPERIMENT, "tested_on", "muscle", "rung"),
+)
+GREY_BOX_COVERAGE = Table(
+    "grey_box_coverage",
+    "How often the 95 % intervals of a muscle's model, hyperparameters marginalised, hold the measured force",
+    {
+        **EXPERIMENT,
+        "tested_on": TESTED_ON,
+        "muscle": column(str, "muscle"),
+        "rung": column(str, "which model", among=[PROCESS, GREY_BOX]),
+        "samples": column(int, "measured forces", low=1),
+        "trajectories": column(int, "movements that they are of", low=1),
+        "share": column(float, "share of the forces within their intervals", low=0, high=1),
+        "low": column(float, "lower end of its 95 % interval (t over movements)", low=0, high=1, nullable=True),
+        "high": column(float, "upper end of its 95 % interval (t over movements)", low=0, high=1, nullable=True),
+        "half_width_n": column(float, "mean half width of the intervals", unit="N", low=0),
+    },
+    key=(*EXPERIMENT, "tested_on", "muscle", "rung"),
+)
+GREY_BOX_MODELS = Table(
+    "grey_box_models",
+    "One hyperparameter of the Gaussian process of what the amended plant leaves, at the maximum of its posterior",
+    {
+        **EXPERIMENT,
+        "muscle": column(str, "muscle"),
+        "hyperparameter": column(str, "as in hyperprior"),
+        "value": column(float, "maximum a posteriori, in the unit that hyperprior names"),
+        "sd": column(float, "standard deviation of the Laplace approximation, in the same unit", low=0),
+        "log_posterior": column(float, "of the whole vector (nats)"),
+        "points": column(int, "samples that the model stands on", low=1),
+        "repair": column(str, "what was done about an indefinite Hessian or a failed factorisation; empty = nothing"),
+    },
+    key=(*EXPERIMENT, "muscle", "hyperparameter"),
+)
+
+
+class GreyBoxSettings(Section):
+    """Config group ``grey_box``."""
+
+    starts: Annotated[int, Field(ge=0, le=1000)]
+    smoothing_s: Annotated[float, Field(gt=0, le=3600)]
+    every: PositiveInt
+
+
+class PlantsApart(View):
+    """The search, and the rung without it, begin from a plant without the effects that a simulated rig has."""
+
+    plant: Plant
+    rig: dict[str, Any]
+
+    @model_validator(mode="after")
+    def _know_no_truth(self) -> Self:
+        own = self.rig.get("plant")
+        if own is not None and self.plant.effects and Plant.model_validate(own).effects == self.plant.effects:
+            names = ", ".join(dict.fromkeys(each.name for each in self.plant.effects))
+            raise ValueError(
+                f"plant: expected what is known of the machine before the search, got the effects that the simulated "
+                f"rig has ({names}); set plant=nominal rig=sim_own_plant, and plant@rig_plant=NAME for the rig's"
+            )
+        return self
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    checks: ClassVar = (PlantsApart,)
+
+    grey_box: GreyBoxSettings
+    plant: Plant
+    exoskeleton: Exoskeleton
+    model: ModelSettings
+    seed: int
+
+
+class Tested(NamedTuple):
+    """Samples of a muscle: standardised inputs (N, D), measured and each plant's force, N, and movements, (N,)."""
+
+    inputs: Array
+    force_n: Array
+    plants_n: Mapping[str, Array]
+    trajectories: Array
+
+
+@dataclass(frozen=True)
+class Designed:
+    """What the design left of a muscle in an experiment: its last model's rows, and points with the plant's force."""
+
+    model: pd.DataFrame
+    points: pd.DataFrame
+
+
+@stage(GREY_BOX_SUMMARY, GREY_BOX_ERRORS, GREY_BOX_COVERAGE, GREY_BOX_MODELS, stream="grey_box")
+def grey_box(
+    cfg: Config,
+    bank: pd.DataFrame,
+    hyperprior: pd.DataFrame,
+    scaling: pd.DataFrame,
+    models: pd.DataFrame,
+    points: pd.DataFrame,
+    hardware_recordings: pd.DataFrame,
+    active_recordings: pd.DataFrame,
+    amended_values: pd.DataFrame,
+    learned_maps: pd.DataFrame,
+    channels: pd.DataFrame,
+    measured_muscles: pd.DataFrame,
+    ctx: Context,
+    task_movements: pd.DataFrame | None = None,
+    unseen_bank: pd.DataFrame | None = None,
+) -> dict[str, pd.DataFrame]:
+    """Identify what the amended plant leaves, and compare it with each plant alone and with the design's models."""
+    learned = list(read_patches(learned_maps).values())
+    amended = Plant.model_validate(amend_plant(cfg.plant, amended_values, learned, channels, measured_muscles))
+    plants = {NOMINAL: cfg.plant, AMENDED: amended}
+    given = {"task": task_movements, "bank": bank, "unseen_bank": unseen_bank}
+    tests = {
+        name: add_forces(cfg.model.extend(each, ["trajectory"]), plants, cfg)
+        for name, each in given.items()
+        if each is not None and not each.empty
+    }
+    design = str(models["arm"].iloc[0])
+    own_models, own_points = (each[each["arm"] == design] for each in (models, points))
+    known = locate_points(own_points, hardware_recordings, active_recordings, amended, cfg)
+    points_of: dict[Any, pd.DataFrame] = dict(list(known.groupby([*WHO, "muscle"], sort=False)))
+    jobs = {}
+    for muscle in [str(name) for name in hyperprior["muscle"].unique()]:
+        recorded = RecordedModels.read(hyperprior, scaling, muscle)
+        its_tests = {name: gather_samples(each[each["muscle"] == muscle], recorded) for name, each in tests.items()}
+        for key, its in own_models[own_models["muscle"] == muscle].groupby(WHO, sort=False):
+            where = str(key[0]), int(str(key[1])), muscle
+            designed = Designed(its[its["trial"] == its["trial"].max()], points_of[where])
+            generator = ctx.generator("starts", *where)
+            jobs["{} experiment {} {}".format(*where)] = (
+                *where,
+                recorded,
+                designed,
+                its_tests,
+                cfg.grey_box,
+                generator,
+            )
+    rows = ctx.gather("experiments", judge_muscle, jobs)
+    told = {
+        table.name: pd.DataFrame(
+            [row for name, row in rows if name == table.name],
+            columns=list(table.columns),
+        )
+        for table in (GREY_BOX_ERRORS, GREY_BOX_COVERAGE, GREY_BOX_MODELS)
+    }
+    told[GREY_BOX_ERRORS.name] = add_average(told[GREY_BOX_ERRORS.name])[list(GREY_BOX_ERRORS.columns)]
+    summary = summarise(told[GREY_BOX_ERRORS.name], told[GREY_BOX_COVERAGE.name], told[GREY_BOX_MODELS.name])
+    experiments = int(summary["experiments"].max())
+    ctx.figure(
+        "grey_box",
+        draw_rungs(told[GREY_BOX_ERRORS.name], list(RUNGS), list(tests)),
+        "Error rate (RMSE over the largest force of the test data) of "
+        + "; ".join(f"{name.replace('_', ' ')}: {described}" for name, described in DESCRIBED.items())
+        + f". Mean over {experiments} experiment{'s' * (experiments > 1)}, points are experiments.",
+    )
+    return {GREY_BOX_SUMMARY.name: summary, **told}
+
+
+def add_forces(recordings: pd.DataFrame, plants: Mapping[str, Plant], cfg: Config) -> pd.DataFrame:
+    """Return a test set's wanted samples, with a column for the force of each plant at their pressure and motion."""
+    smoothing_s = cfg.grey_box.smoothing_s
+    forces = {
+        name: simulate_force(plant, cfg.exoskeleton, recordings, ["trajectory"], smoothing_s)
+        for name, plant in plants.items()
+    }
+    told = recordings.assign(**forces)
+    return told[told["wanted"]] if "wanted" in told else told
+
+
+def locate_points(
+    points: pd.DataFrame, initial: pd.DataFrame, designed: pd.DataFrame, plant: Plant, cfg: Config
+) -> pd.DataFrame:
+    """Return the design's points with the force of a plant at the samples of the executed trials that they are.
+
+    Points of the initial data do not tell their trial: they are found by what was measured.
+    """
+    executed = join_executed(initial, designed)
+    force = simulate_force(plant, cfg.exoskeleton, executed, ["trial"], cfg.grey_box.smoothing_s, in_session=True)
+    own = designed[designed["arm"] == points["arm"].iloc[0]]
+    numbers = np.concatenate([np.zeros(len(initial), dtype=int), own["trial"].to_numpy()])
+    keys = [*WHO, "trial", "muscle", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]
+    rows = executed.assign(trial=numbers, **{AMENDED: force})[[*keys, AMENDED]].drop_duplicates(keys)
+    found = points.merge(rows, how="left", on=keys, validate="many_to_one")
+    if found[AMENDED].isna().any():
+        raise ValueError("points: expected samples of the executed trials, got others; run stages=[active_loop] again")
+    return found
+
+
+def gather_samples(samples: pd.DataFrame, recorded: RecordedModels) -> Tested:
+    """Return a muscle's samples as arrays."""
+    plants = {name: samples[name].to_numpy() for name in PLANTS}
+    force, trajectories = (samples[name].to_numpy() for name in (MODEL_OUTPUT, "trajectory"))
+    return Tested(recorded.scaling.inputs_of(samples), force, plants, trajectories)
+
+
+def judge_muscle(
+    participant: str,
+    experiment: int,
+    muscle: str,
+    recorded: RecordedModels,
+    designed: Designed,
+    tests: Mapping[str, Tested],
+    settings: GreyBoxSettings,
+    generator: np.random.Generator,
+) -> list[tuple[str, tuple[Any, ...]]]:
+    """Return rows of one muscle in one experiment, each with the name of its table."""
+    who = participant, experiment
+    points, process = designed.points, recorded.rebuild(designed.model, designed.points)
+    search = generator, settings.starts, [process.theta]
+    grey = GreyBox.identify(recorded, points, points[AMENDED].to_numpy(), *search)
+    told: list[tuple[str, tuple[Any, ...]]] = []
+    for tested_on, test in tests.items():
+        forces = {
+            **test.plants_n,
+            PROCESS: recorded.scaling.restore_force(process.predict_mean(test.inputs)),
+            GREY_BOX: grey.predict_mean(test.inputs, test.plants_n[AMENDED]),
+        }
+        for rung in RUNGS:
+            rate = error_rate(forces[rung], test.force_n)
+            told.append((GREY_BOX_ERRORS.name, (*who, tested_on, muscle, rung, rate)))
+        some = slice(None, None, settings.every)
+        inputs, plant_n = test.inputs[some], test.plants_n[AMENDED][some]
+        for rung, interval in (
+            (PROCESS, predict_interval(process, recorded.scaling, inputs, QUANTILE)),
+            (GREY_BOX, grey.predict_interval(inputs, plant_n, QUANTILE)),
+        ):
+            covered = count_covered(interval, test.force_n[some], test.trajectories[some])
+            told.append((GREY_BOX_COVERAGE.name, (*who, tested_on, muscle, rung, *covered)))
+    residual = grey.residual
+    columns = residual.theta, np.sqrt(np.diag(residual.laplace.covariance))
+    for name, value, sd in zip(designed.model["hyperparameter"], *columns, strict=True):
+        row = (*who, muscle, name, float(value), float(sd), residual.log_posterior, len(points), residual.repair)
+        told.append((GREY_BOX_MODELS.name, row))
+    return told
+
+
+def count_covered(interval: Interval, force_n: Array, trajectories: Array) -> tuple[Any, ...]:
+    """Return samples, movements, the share within intervals, the ends of its own, and the mean half width, N."""
+    mean_n, half_n = interval
+    covered = cover_blocks(force_n, mean_n - half_n, mean_n + half_n, trajectories)
+    return (*vars(covered).values(), float(half_n.mean()))
+
+
+def summarise(errors: pd.DataFrame, coverage: pd.DataFrame, models: pd.DataFrame) -> pd.DataFrame:
+    """Return the rows of `grey_box_summary`, the average over muscles last."""
+    keys = ["tested_on", "muscle"]
+    rates = errors.groupby([*keys, "rung"], sort=False)["error_rate"].mean().unstack("rung")
+    shares = pd.concat([coverage, coverage.assign(muscle=ALL_MUSCLES)])
+    covered = shares.groupby([*keys, "rung"], sort=False)["share"].mean().unstack("rung")
+    stood_on = pd.concat([models, models.assign(muscle=ALL_MUSCLES)]).groupby("muscle")["points"].mean()
+    order = [(test, name) for test in errors["tested_on"].unique() for name in errors["muscle"].unique()]
+    told = rates.loc[order].assign(
+        process_covered=covered[PROCESS],
+        grey_box_covered=covered[GREY_BOX],
+        experiments=errors.groupby(WHO).ngroups,
+    )
+    told = told.reset_index()
+    return told.assign(points=told["muscle"].map(stood_on))[list(GREY_BOX_SUMMARY.columns)]

@@ -1,0 +1,57 @@
+"""Error rates of plants and of models on them, rung by rung."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from stages.science.figures.canvas import COLOURS, new_figure
+from stages.science.figures.learning_curves import AVERAGE, MARKERS
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TITLES = {"task": "tested on the task", "bank": "tested on the bank", "unseen_bank": "tested on an unseen bank"}
+LABELS = {"gaussian_process": "Gaussian_process"}
+INK = "#2b2b2b"
+
+
+def draw_rungs(errors: pd.DataFrame, rungs: Sequence[str], panels: Sequence[str]) -> Figure:
+    """Draw the error rate over rungs, a panel for each test set: a line for each muscle, and for their average.
+
+    Columns are participant, experiment, tested_on, muscle, rung and error_rate; lines are means over experiments, each
+    of which is a point where there are several.
+    """
+    figure, (axes,) = new_figure(4.9 * len(panels) + 0.5, 4.2, 1, len(panels), sharey=True)
+    at = np.arange(len(rungs))
+    muscles = [name for name in errors["muscle"].unique() if name != AVERAGE]
+    several = errors.groupby(["participant", "experiment"]).ngroups > 1
+    for axis, panel in zip(axes, panels, strict=True):
+        its = errors[errors["tested_on"] == panel]
+        for position, muscle in enumerate([*muscles, AVERAGE]):
+            own = its[its["muscle"] == muscle]
+            mean = 100 * own.groupby("rung")["error_rate"].mean().loc[list(rungs)]
+            last = muscle == AVERAGE
+            colour, label = (INK, "average of the muscles") if last else (COLOURS[position % len(COLOURS)], muscle)
+            style = {"color": colour, "marker": MARKERS[position % len(MARKERS)], "linewidth": 2.6 if last else 1.2}
+            axis.plot(at, mean, label=label, **style)
+            if several:
+                places = own["rung"].map({name: place for place, name in enumerate(rungs)})
+                axis.plot(places, 100 * own["error_rate"], ".", color=colour, alpha=0.4, markersize=4)
+            if last:
+                for place, value in zip(at, mean, strict=True):
+                    how = {"ha": "left", "va": "bottom", "fontsize": 9, "fontweight": "bold"}
+                    axis.annotate(f"{value:.2g} %", (place, value), (6, 4), textcoords="offset points", **how)
+        axis.set_yscale("log")
+        axis.yaxis.set_major_formatter("{x:g}")
+        axis.yaxis.set_minor_formatter("{x:g}")
+        axis.tick_params(axis="y", which="minor", labelsize=8)
+        axis.set_xticks(at, [LABELS.get(name, name).replace("_", "\n") for name in rungs])
+        axis.set(title=TITLES[panel], xlim=(-0.3, len(rungs) - 0.45))
+        axis.grid(alpha=0.25, which="both", axis="y")
+    axes[0].set_ylabel("error rate (%)")
+    axes[0].legend(frameon=False, fontsize=9)
+    return figure

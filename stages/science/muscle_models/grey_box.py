@@ -1,0 +1,81 @@
+"""A grey box: the force of a muscle as that of a physical plant and a Gaussian process of what the plant leaves.
+
+A muscle's points with the plant's force at each flow in; a model flows out that takes inputs together with the plant's
+force there. The process has the inputs, the hyperprior and the scales of the model of the force itself, but no centre:
+where the plant's force is the truth, the residual is noise about zero.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+import pandas as pd
+
+from stages.science.gp.marginal import MarginalGP, fit
+from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
+
+
+class Interval(NamedTuple):
+    """Prediction of N measured forces, N: their means, (N,), and half the widths of their intervals, (N,)."""
+
+    mean_n: Array
+    half_n: Array
+
+
+@dataclass(frozen=True)
+class GreyBox:
+    """A plant's force as the mean of a muscle's model, and a Gaussian process of the residual in standard units."""
+
+    scaling: Scaling
+    residual: MarginalGP
+
+    @classmethod
+    def identify(
+        cls,
+        recorded: RecordedModels,
+        points: pd.DataFrame,
+        plant_n: Array,
+        generator: np.random.Generator,
+        starts: int,
+        warm_starts: Sequence[Array] = (),
+    ) -> GreyBox:
+        """Return the model at the MAP of its hyperparameters.
+
+        Parameters
+        ----------
+        recorded : RecordedModels
+            Table 1 and the scaling of the muscle.
+        points : DataFrame
+            The samples that the model stands on: rows of the table `points`.
+        plant_n : (N,) float array
+            The plant's force at each of them, N.
+        generator, starts, warm_starts
+            Of the search for the maximum, as `fit` takes them.
+        """
+        scaling = recorded.scaling
+        left = (points[MODEL_OUTPUT].to_numpy() - plant_n) / scaling.force_scale_n
+        search: dict[str, Any] = {"generator": generator, "starts": starts, "warm_starts": warm_starts}
+        return cls(scaling, fit(scaling.inputs_of(points), left, recorded.prior, recorded.mean, **search))
+
+    def predict_mean(self, inputs: Array, plant_n: Array) -> Array:
+        """Return the force, N, of (N, D) standardised inputs at which the plant's is known, N, (N,) each."""
+        return np.asarray(plant_n + self.scaling.force_scale_n * self.residual.predict_mean(inputs))
+
+    def predict_interval(self, inputs: Array, plant_n: Array, quantile: float) -> Interval:
+        """Return what a load cell would show, hyperparameters marginalised; the normal quantile makes the width.
+
+        The plant's own uncertainty, of its constants and effects, is not added: the process has to tell it.
+        """
+        interval = predict_interval(self.residual, self.scaling, inputs, quantile)
+        return Interval(plant_n + interval.mean_n - self.scaling.force_centre_n, interval.half_n)
+
+
+def predict_interval(model: MarginalGP, scaling: Scaling, inputs: Array, quantile: float) -> Interval:
+    """Return what a load cell would show by a model of the force itself; see `GreyBox.predict_interval`."""
+    mean, variance = model.predict_marginal(inputs)
+    half_n = quantile * scaling.force_scale_n * np.sqrt(variance + model.noise_variance)
+    return Interval(scaling.restore_force(mean), np.asarray(half_n))
