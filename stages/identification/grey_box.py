@@ -34,10 +34,12 @@ from stages.science.plant.plant import Plant
 from stages.science.recording.datasets import join_executed
 from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
-from stages.science.statistics.intervals import cover_blocks
+from stages.science.statistics.intervals import Coverage, cover_blocks
 
 LEVEL = 0.95
 QUANTILE = float(ndtri(0.5 + LEVEL / 2))
+FEWEST = 5
+"""Movements below which a share's interval says nothing."""
 NOMINAL, AMENDED, PROCESS, GREY_BOX = RUNGS = ("nominal_plant", "amended_plant", "gaussian_process", "grey_box")
 DESCRIBED = {
     NOMINAL: "the plant as the configuration has it",
@@ -101,6 +103,12 @@ GREY_BOX_COVERAGE = Table(
         "low": column(float, "lower end of its 95 % interval (t over movements)", low=0, high=1, nullable=True),
         "high": column(float, "upper end of its 95 % interval (t over movements)", low=0, high=1, nullable=True),
         "half_width_n": column(float, "mean half width of the intervals", unit="N", low=0),
+        "verdict": column(
+            str,
+            "whether the intervals hold the 95 % that they say, by the interval of the share, or by the share itself "
+            f"where it is the same in all movements; undecided below {FEWEST} movements",
+            among=["as said", "too narrow", "too wide", "undecided"],
+        ),
     },
     key=(*EXPERIMENT, "tested_on", "muscle", "rung"),
 )
@@ -324,10 +332,18 @@ def judge_muscle(
 
 
 def count_covered(interval: Interval, force_n: Array, trajectories: Array) -> tuple[Any, ...]:
-    """Return samples, movements, the share within intervals, the ends of its own, and the mean half width, N."""
+    """Return samples, movements, the share within intervals, the ends of its own, the mean half width, N, a verdict."""
     mean_n, half_n = interval
     covered = cover_blocks(force_n, mean_n - half_n, mean_n + half_n, trajectories)
-    return (*vars(covered).values(), float(half_n.mean()))
+    return (*vars(covered).values(), float(half_n.mean()), judge_coverage(covered))
+
+
+def judge_coverage(covered: Coverage) -> str:
+    """Return whether 95 % intervals hold what they say."""
+    if covered.blocks < FEWEST:
+        return "undecided"
+    low, high = (covered.share if np.isnan(each) else each for each in (covered.low, covered.high))
+    return "too wide" if low > LEVEL else "too narrow" if high < LEVEL else "as said"
 
 
 def summarise(errors: pd.DataFrame, coverage: pd.DataFrame, models: pd.DataFrame) -> pd.DataFrame:

@@ -9,9 +9,10 @@ import yaml
 
 from stages.discrepancy.amend_model import AMENDED_VALUES
 from stages.discrepancy.explain_remainder import LEARNED_MAPS
-from stages.identification.grey_box import grey_box
+from stages.identification.grey_box import grey_box, judge_coverage
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.recording.muscles import describe_muscles
+from stages.science.statistics.intervals import Coverage
 from tests.studies import assert_refused, read_stages, run_stage
 
 CHAIN = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop"]
@@ -90,6 +91,23 @@ def test_effects_that_are_the_rigs_leave_little_and_the_noise_is_covered(designe
     assert (after["grey_box"] < 0.25 * before["gaussian_process"]).all()
     assert (after["grey_box_covered"] > 0.9).all()
     assert after["gaussian_process"].equals(before["gaussian_process"])
+    verdicts = found["grey_box_coverage"].query("rung == 'grey_box'").groupby("tested_on")["verdict"].unique()
+    assert [list(verdicts[name]) for name in ("task", "bank")] == [["undecided"], ["too wide"]]
+
+
+@pytest.mark.parametrize(
+    ("blocks", "share", "low", "high", "verdict"),
+    [
+        (40, 0.94, 0.92, 0.96, "as said"),
+        (40, 0.90, 0.87, 0.93, "too narrow"),
+        (40, 0.98, 0.97, 0.99, "too wide"),
+        (40, 1.0, np.nan, np.nan, "too wide"),
+        (4, 1.0, np.nan, np.nan, "undecided"),
+        (2, 0.8, 0.1, 0.9, "undecided"),
+    ],
+)
+def test_a_verdict_says_whether_intervals_hold_what_they_say(blocks, share, low, high, verdict):
+    assert judge_coverage(Coverage(1000, blocks, share, low, high)) == verdict
 
 
 def test_no_force_but_that_of_executed_trials_changes_a_model(designed, unchanged, tmp_path):

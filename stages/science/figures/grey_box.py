@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
@@ -43,7 +43,8 @@ def draw_rungs(errors: pd.DataFrame, rungs: Sequence[str], panels: Sequence[str]
                 axis.plot(places, 100 * own["error_rate"], ".", color=colour, alpha=0.4, markersize=4)
             if last:
                 for place, value in zip(at, mean, strict=True):
-                    how = {"ha": "left", "va": "bottom", "fontsize": 9, "fontweight": "bold"}
+                    how: dict[str, Any] = {"ha": "left", "va": "bottom", "fontsize": 9, "fontweight": "bold"}
+                    how["bbox"] = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0}
                     axis.annotate(f"{value:.2g} %", (place, value), (6, 4), textcoords="offset points", **how)
         axis.set_yscale("log")
         axis.yaxis.set_major_formatter("{x:g}")
