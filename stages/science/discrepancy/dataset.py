@@ -79,7 +79,7 @@ def build_dataset(
     check_plant(plant, kind, list(dict.fromkeys(tables.measured_signals["signal"])))
     trials, parts = trial_parts["trial"].to_list(), trial_parts["part"].to_list()
     if not isinstance(plant, RecordPlant):
-        told = replace(tables, measured_muscles=_begin_with(plant, tables.measured_muscles))
+        told = replace(tables, measured_muscles=_begin_with(plant, tables.measured_muscles, settings))
         return Dataset(plant, build_muscle_channels(told, settings), trials, parts)
     gaps = {name: trial_parts[name].to_numpy() for name in ("left_before", "left_after")}
     blocks = tables.measured_trials.assign(**gaps)
@@ -95,13 +95,18 @@ def build_dataset(
     return dataset
 
 
-def _begin_with(plant: Plant, muscles: pd.DataFrame) -> pd.DataFrame:
-    """Return a row for each muscle in which constants that meta.json does not tell are the plant's."""
+def _begin_with(plant: Plant, muscles: pd.DataFrame, settings: DiscrepancySettings) -> pd.DataFrame:
+    """Return a row for each muscle in which constants that what was measured does not tell are the plant's.
+
+    They are those of `NOMINAL`, and others whose tolerance names no value to start from.
+    """
+    tolerances = [each for channel in settings.tolerances.values() for each in channel.items()]
+    names = [*NOMINAL, *(name for name, each in tolerances if each.start is None and name not in NOMINAL)]
     rows = muscles.to_dict("records")
     for row in rows:
-        for name in [each for each in NOMINAL if pd.isna(row[each])]:
+        for name in [each for each in names if pd.isna(row.get(each))]:
             row[name] = getattr(plant.find_model(row["muscle"], row["type"]), name)
-    return pd.DataFrame(rows, columns=muscles.columns)
+    return pd.DataFrame(rows, columns=list(dict.fromkeys([*muscles.columns, *names])))
 
 
 def check_plant(plant: Plant | RecordPlant, kind: str, known: Sequence[str]) -> None:

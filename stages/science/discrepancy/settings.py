@@ -16,7 +16,9 @@ class Tolerance(Declared):
     """How far a nominal constant may be from its starting value."""
 
     unit: str
-    start: float | None = Field(description="starting value; null takes the one measured data come with")
+    start: float | None = Field(
+        description="starting value; null takes the one that measured data come with, or else the plant's"
+    )
     low: float
     high: float
     sd: float = Field(gt=0.0)
