@@ -25,6 +25,8 @@ def draw_rungs(errors: pd.DataFrame, rungs: Sequence[str], panels: Sequence[str]
     Columns are participant, experiment, tested_on, muscle, rung and error_rate; lines are means over experiments, each
     of which is a point where there are several.
     """
+    from matplotlib.ticker import LogLocator
+
     figure, (axes,) = new_figure(4.9 * len(panels) + 0.5, 4.2, 1, len(panels), sharey=True)
     at = np.arange(len(rungs))
     muscles = [name for name in errors["muscle"].unique() if name != AVERAGE]
@@ -47,12 +49,12 @@ def draw_rungs(errors: pd.DataFrame, rungs: Sequence[str], panels: Sequence[str]
                     how["bbox"] = {"facecolor": "white", "alpha": 0.75, "edgecolor": "none", "pad": 1.0}
                     axis.annotate(f"{value:.2g} %", (place, value), (6, 4), textcoords="offset points", **how)
         axis.set_yscale("log")
+        axis.yaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
         axis.yaxis.set_major_formatter("{x:g}")
-        axis.yaxis.set_minor_formatter("{x:g}")
-        axis.tick_params(axis="y", which="minor", labelsize=8)
+        axis.yaxis.set_minor_formatter("")
         axis.set_xticks(at, [LABELS.get(name, name).replace("_", "\n") for name in rungs])
         axis.set(title=TITLES[panel], xlim=(-0.3, len(rungs) - 0.45))
-        axis.grid(alpha=0.25, which="both", axis="y")
+        axis.grid(alpha=0.25, axis="y")
     axes[0].set_ylabel("error rate (%)")
     axes[0].legend(frameon=False, fontsize=9)
     return figure
