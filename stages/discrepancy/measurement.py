@@ -379,7 +379,8 @@ def read_recordings(initial: pd.DataFrame | None, designed: pd.DataFrame | None,
     notes = [(str(row["muscle"]), f"{row['count']} samples left out: {row['status']}") for _, row in counts.iterrows()]
     machine, file, described_in = cfg.exoskeleton, "hardware_recordings", "exoskeleton.muscles"
     told = machine.load_cell_site, HELD, machine.sampling_rate_hz, None, notes
-    return Source("hardware", file, samples, describe_muscles(machine), described_in, *told)
+    name = "hardware" if designed is None else "hardware and active_loop"
+    return Source(name, file, samples, describe_muscles(machine), described_in, *told)
 
 
 def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame, further: pd.DataFrame | None) -> Source:

@@ -137,7 +137,9 @@ def test_nothing_but_the_rig_reads_what_the_rig_hides(designed, unchanged, tmp_p
 
 def test_the_search_reads_the_initial_trials_then_those_of_the_designs_arm(designed, tmp_path):
     study, stages, tables = designed
-    measured = run_stage(study, stages["measurement"], tmp_path, tables)["measured"]
+    found = run_stage(study, stages["measurement"], tmp_path, tables)
+    measured = found["measured"]
+    assert found["measured_session"]["source"].item() == "hardware and active_loop"
     arms = tables["active_recordings"]["arm"].unique()
     assert list(arms) == ["integrated_variance", "random"]
     own = tables["active_recordings"].query("arm == @arms[0]")

@@ -4,6 +4,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
+from stages.science.plant.learned_map import LearnedInput, LearnedMap
 from stages.science.plant.measured_motion import simulate_force
 from stages.science.plant.muscle import braid_coefficients
 from tests.science.plant.machines import configured, with_effects
@@ -59,6 +60,19 @@ def test_a_sensor_drifts_over_the_session_and_not_over_what_was_recorded_apart()
     first, second = ((rows["trial"] == trial) & (rows["muscle"] == "pam1") for trial in (0, 1))
     np.testing.assert_allclose(force[second] - force[first], 0.05 * full_n * minutes, rtol=1e-9)
     np.testing.assert_array_equal(apart[second], apart[first])
+
+
+def test_a_learned_map_is_added_to_its_own_muscle():
+    rig, rows = record()
+    pressure = LearnedInput(name="pressure_kpa", middle=90.0, spread=20.0, length=2.0, low=0.0, high=300.0)
+    limits = {"deviation": 1.0, "lowest": -50.0, "highest": 50.0}
+    told = LearnedMap(channel="force_n", element="pam1", inputs=[pressure], points=[[0.0]], weights=[30.0], **limits)
+    before = simulate_force(rig.plant, rig.exoskeleton, rows, ["trial"], SMOOTHING_S)
+    plant = rig.plant.model_copy(update={"learned": [told]})
+    added = simulate_force(plant, rig.exoskeleton, rows, ["trial"], SMOOTHING_S) - before
+    own = rows["muscle"] == "pam1"
+    np.testing.assert_allclose(added[own], 30.0 * np.exp(-0.5 * (0.5 / 2.0) ** 2), rtol=1e-9)
+    assert not added[~own].any()
 
 
 def test_samples_amiss_are_bridged():
