@@ -224,7 +224,7 @@ def _validate_study(values: dict[str, Any], settings: Settings, stages: Sequence
     for name in values:
         if name not in declared:
             raise ConfigError(
-                f"unknown key '{name}', which no stage of workflow {settings.workflow.name} reads: "
+                f"unknown key {name!r}, which no stage of workflow {settings.workflow.name} reads: "
                 f"{suggest(str(name), declared, find_today('keys', str(name)))}"
             )
     study = Study(settings, values)
@@ -252,18 +252,18 @@ def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
     if settings.stages == []:
         raise ConfigError(f"stages: expected at least one, or null for all, got []; choose from: {', '.join(names)}")
     for name in settings.stages or []:
-        _check_known(name, names, f"stages: no stage '{name}' in workflow {workflow.name}")
+        _check_known(name, names, f"stages: no stage {name!r} in workflow {workflow.name}")
     columns = {table.name: [*table.columns] for each in stages for table in each.writes}
     for name in workflow.headline:
-        _check_known(name, columns, f"workflow.headline: no stage of workflow {workflow.name} writes '{name}'")
+        _check_known(name, columns, f"workflow.headline: no stage of workflow {workflow.name} writes {name!r}")
     for path, table, named in _list_named_columns(workflow):
         if table in columns:
-            _check_known(named, columns[table], f"workflow.{path}: table {table} has no column '{named}'")
+            _check_known(named, columns[table], f"workflow.{path}: table {table} has no column {named!r}")
             continue
         known = [
             each.name for stage in load_stages(workflow.package) for each in stage.writes
         ]  # this study has not all
-        problem = f"workflow.{path.rpartition('.')[0]}.table: no stage of {workflow.package} writes '{table}'"
+        problem = f"workflow.{path.rpartition('.')[0]}.table: no stage of {workflow.package} writes {table!r}"
         _check_known(table, known, problem)
 
 

@@ -125,7 +125,7 @@ def load_stages(package: str, names: Sequence[str] | None = None) -> list[Stage]
             raise WiringError(f"{known[name].replace('.', '/')}.py: expected a stage function named {name}")
         else:
             offered = suggest(name, known, find_today("names", name))
-            raise ConfigError(f"workflow.stages: no stage '{name}' in {package}; {offered}")
+            raise ConfigError(f"workflow.stages: no stage {name!r} in {package}; {offered}")
     return stages
 
 
