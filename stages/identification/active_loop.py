@@ -25,9 +25,10 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.expected_errors import draw_expected_errors
 from stages.science.figures.trial_commands import draw_chosen_trials
-from stages.science.gp.interaction import Interaction
+from stages.science.gp.interaction import Design, Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.gp.task_utilities import TASK_UTILITIES
+from stages.science.gp.utility_names import name_utility
 from stages.science.muscle_models.description import describe_choice, describe_models
 from stages.science.muscle_models.error_rates import ForceTest
 from stages.science.muscle_models.expected_errors import Spread, forecast_error
@@ -178,7 +179,16 @@ class ActiveLoop(DesignSettings):
     @model_validator(mode="after")
     def _name_controls_once(self) -> Self:
         refuse_repeats(self.controls or [], "active_loop")
+        names = [name_utility(each) for each in dict.fromkeys([self.utility, *(self.controls or [])])]
+        for name in names:
+            if names.count(name) > 1:
+                raise ValueError(f"arms are called by their functions, of which two are {name}; rename one")
         return self
+
+    def design(self, mean: str, utility: str | None = None) -> Design:
+        """Return the choices of the arm of that name."""
+        own: dict[str, str] = {name_utility(each): each for each in (self.utility, *(self.controls or []))}
+        return super().design(mean, own.get(utility or "", utility))
 
 
 class Thinning(View):
@@ -384,7 +394,7 @@ def choose_arms(section: ActiveLoop, real: bool) -> list[str]:
     controls = section.controls
     if controls is None:
         controls = [] if real else ["y_y", "random"]
-    return [section.utility, *(each for each in controls if each != section.utility)]
+    return [name_utility(each) for each in dict.fromkeys([section.utility, *controls])]
 
 
 Part = dict[str, pd.DataFrame]

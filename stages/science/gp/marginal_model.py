@@ -21,7 +21,8 @@ from stages.science.gp.kernel import Array, Hyperparameters
 from stages.science.gp.laplace import Laplace, accept, approximate
 from stages.science.gp.posterior import check_points, find_bad_row
 from stages.science.gp.prediction import Moments
-from stages.science.gp.utilities import PredictiveTerms, find_utility
+from stages.science.gp.utilities import PredictiveTerms
+from stages.science.gp.utility_names import find_utility
 
 MEMORY_MB = 64.0
 
@@ -118,14 +119,15 @@ class MarginalModel(ABC):
         points : (B, D) float array
             Standardised inputs.
         name : str
-            In `UTILITIES`.
+            In `UTILITIES`, or the dotted path of a function of one's own.
         memory_mb : float
             Bound on the working memory beyond the result and the model's own matrices (MB).
 
         Raises
         ------
         ValueError
-            When there is no utility of that name, or points have the wrong shape or are not finite.
+            When there is no utility of that name, one's own returns no scores, or points have the wrong shape or are
+            not finite.
         """
         score = find_utility(name)
         return self._gather(points, 1, lambda *each: score(self._terms(*each)[1])[None], memory_mb)[0]

@@ -7,7 +7,8 @@ import numpy as np
 from stages.science.gp.kernel import Array
 from stages.science.gp.marginal import MarginalGP
 from stages.science.gp.marginal_model import MarginalModel
-from stages.science.gp.utilities import UTILITIES, find_utility
+from stages.science.gp.utilities import UTILITIES
+from stages.science.gp.utility_names import find_utility
 
 JOINT = "log_det"
 REDUCTIONS = ("sum", "max")

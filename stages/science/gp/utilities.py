@@ -5,7 +5,7 @@ sn^2 the noise; q is what uncertain hyperparameters add, q = dm' S dm + dV' S dV
 measurement is normal around m with the log variance l = log(V + sn^2), and theta moves both.
 """
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 
 import numpy as np
@@ -82,10 +82,3 @@ UTILITIES: Mapping[str, Callable[[PredictiveTerms], Array]] = {
     each.__name__: each for each in (y_y, f_f, f_y, y_y_theta, hyperparameter_information, variance)
 }
 """Point utilities by name; ``log_det`` scores whole trajectories, see `trajectory_utility`."""
-
-
-def find_utility(name: str, also: Sequence[str] = ()) -> Callable[[PredictiveTerms], Array]:
-    """Return a point utility; a `ValueError` tells an unknown name all that there are, and those known besides."""
-    if name not in UTILITIES:
-        raise ValueError(f"utility: expected one of {', '.join([*UTILITIES, *also])}, got {name!r}")
-    return UTILITIES[name]

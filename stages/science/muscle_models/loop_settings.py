@@ -4,20 +4,29 @@ Values of the configuration flow in; a `Design` of the GP's flows out.
 """
 
 from collections import Counter
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Annotated, Literal, Self
+from typing import Annotated, Any, Literal, Self, get_args
 
-from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Field,
+    PositiveInt,
+    ValidatorFunctionWrapHandler,
+    WrapValidator,
+    model_validator,
+)
 
 from stages.science.gp.interaction import Design
 from stages.science.gp.task_utilities import TASK_UTILITIES
+from stages.science.gp.utility_names import TRIED, load_utility, name_utility
 
 MOST_POINTS = 2000
 """Points of an exact GP, beyond which its covariance (8 N^2 bytes, 32 MB) and the N^3 / 3 operations of each of the
 thousands of steps in which hyperparameters are sought take a day for each trial of each arm."""
 
-Utility = Literal[
+Named = Literal[
     "y_y",
     "f_f",
     "f_y",
@@ -29,7 +38,7 @@ Utility = Literal[
     "predictive_information",
     "random",
 ]
-SampleUtility = Literal[
+NamedForSamples = Literal[
     "y_y",
     "f_f",
     "f_y",
@@ -40,6 +49,28 @@ SampleUtility = Literal[
     "predictive_information",
     "random",
 ]
+
+
+def _read_own(value: Any, read: ValidatorFunctionWrapHandler) -> Any:
+    """Return a utility's name, or the dotted path of ``{_target_: package.module.function}``, tried on a few points."""
+    if not isinstance(value, Mapping):
+        return read(value)
+    path = value.get("_target_")
+    if set(value) != {"_target_"} or not isinstance(path, str):
+        raise ValueError(f"expected {{_target_: package.module.function}} and no other key, got {dict(value)!r}")
+    if name_utility(path) in get_args(Named):
+        raise ValueError(f"_target_: {path} has the name of a utility that there is; rename the function")
+    try:
+        load_utility(path)(TRIED)
+    except ValueError as error:
+        raise ValueError(f"_target_: {error}") from None
+    return path
+
+
+Utility = Annotated[Named, WrapValidator(_read_own)]
+SampleUtility = Annotated[NamedForSamples, WrapValidator(_read_own)]
+"""Names, and functions of one's own, which are their dotted paths once they are read."""
+
 Points = Annotated[int, Field(ge=1, le=MOST_POINTS)]
 
 
@@ -131,5 +162,6 @@ def refuse_repeats(controls: Sequence[str], section: str) -> None:
     """Raise a `ValueError` where one of a loop's controls is there twice."""
     for name, times in Counter(controls).items():
         if times > 1:
-            once = f"set {section}.controls=[{','.join(dict.fromkeys(controls))}]"
+            told = [f"{{_target_: {each}}}" if "." in each else each for each in dict.fromkeys(controls)]
+            once = f"set {section}.controls=[{','.join(told)}]"
             raise ValueError(f"controls: expected each control once, got {name} {times} times; {once}")
