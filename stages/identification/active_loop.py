@@ -307,6 +307,11 @@ def active_loop(
     rig: Rig = ctx.device
     arms = choose_arms(cfg.active_loop, rig.real)
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
+    if cfg.active_loop.exchange_pressures and rig.recorded:
+        raise ConfigError(
+            f"active_loop.exchange_pressures: expected false, as {type(rig).__name__} returns trials as they were once "
+            "recorded, and none has exchanged pressures; leave it out, or choose another rig"
+        )
     rig.check_bank(references, "trajectory")
     tasks = [] if task is None else muscles.inputs_of(task)
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
@@ -331,7 +336,7 @@ def active_loop(
         f"References and pressure commands chosen for {first.participant}, experiment {first.experiment}, "
         f"by {arms[0]}, in the order of the trials."
     )
-    if cfg.active_loop.exchange_pressures:
+    if chosen.get("pressures_from", pd.Series("")).any():
         caption += " Pressures are each muscle's own choice of a movement (trials.pressures_from)."
     pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
     groups = {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}

@@ -9,8 +9,10 @@ import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
+from pipeline.errors import ConfigError
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.rig.reference import read_sources
+from stages.science.rig.sim import SimulatedRig
 from tests.composing import compose_values
 from tests.conftest import TINY, Command
 from tests.faults import find_parts, tables_of, wait_until
@@ -136,6 +138,14 @@ def test_a_trial_may_take_each_muscles_pressures_from_another_movement(run, tmp_
             np.testing.assert_allclose(trial.loc[muscle, "pressure_command_kpa"], asked, atol=1e-9)
             others += source != row["trajectory"]
     assert others > 3
+
+
+def test_exchanged_pressures_are_refused_where_trials_are_recordings(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(SimulatedRig, "recorded", True)
+    study, stages = read_stages(["bank", *BEFORE[1:], "active_loop"], "active_loop.exchange_pressures=true")
+    tables = {table.name: read(run, table.name) for name in BEFORE for table in stages[name].writes}
+    with pytest.raises(ConfigError, match="exchange_pressures: expected false, as SimulatedRig returns trials as they"):
+        run_stage(study, stages["active_loop"], tmp_path, tables)
 
 
 def test_a_loop_goes_on_with_its_trials_where_their_number_or_what_ends_it_changes(run, tmp_path):

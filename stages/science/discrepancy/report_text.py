@@ -374,8 +374,8 @@ def describe_bands(bands: Mapping[str, float]) -> str:
     """Return what share of the test trials' samples bands about the amended simulation hold."""
     text = (
         f"The {_percent(bands['level'])} bands about the amended simulation, in the table predictions, hold "
-        f"{_percent(bands['coverage'])} of the samples of these trials ({_percent(bands['low'])} to "
-        f"{_percent(bands['high'])})"
+        f"{100 * bands['coverage']:.3g} % of the samples of these trials ({100 * bands['low']:.3g} % to "
+        f"{100 * bands['high']:.3g} %)"
     )
     if bands["high"] < bands["level"]:
         return f"{text}: they are too narrow, as these trials differ more than those fitted."

@@ -52,6 +52,8 @@ class Rig(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     real: ClassVar[bool]
+    recorded: ClassVar[bool] = False
+    """Whether its trials were executed before, and nothing else can be."""
 
     exoskeleton: Exoskeleton
     participants: dict[str, Participant]

@@ -73,6 +73,7 @@ class ManualRig(Rig):
             "trial": trial.label,
             "kind": trial.kind,
             "participant": trial.participant,
+            "reason": "" if trial.proposal is None else trial.proposal.reason,
             "save_as": str(path),
             "columns": {name: each.description for name, each in MEASUREMENT_COLUMNS.items()},
             "rows": f"one for each of {len(self.muscles)} muscles and {self.samples} samples",

@@ -87,6 +87,7 @@ class ReplayRig(Rig):
     """
 
     real: ClassVar[bool] = True
+    recorded: ClassVar[bool] = True
 
     recordings: Recordings
     match: How | dict[Kind, How]

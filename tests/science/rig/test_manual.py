@@ -2,6 +2,7 @@
 
 import json
 import re
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,7 +11,7 @@ import pytest
 
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, RigError, tidy
 from stages.science.rig.manual import ManualRig, TrialRequested
-from stages.science.rig.trial import Trial
+from stages.science.rig.trial import Proposal, Trial
 from tests.conftest import Command
 from tests.science.plant.machines import configured
 from tests.science.rig.watching import execute
@@ -47,6 +48,9 @@ def test_asks_for_what_is_not_recorded_yet(operator, trial):
     np.testing.assert_array_equal(asks["reference_rad"]["EFE"], trial.reference_rad[:, 1])
     np.testing.assert_array_equal(asks["pressure_command_kpa"]["pam4"], trial.pressure_command_kpa[:, 3])
     assert list(asks["columns"]) == list(MEASUREMENT_COLUMNS)
+    assert asks["reason"] == ""
+    proposed = replace(trial, proposal=Proposal(1, 3, "a quick movement for the bank"))
+    assert asked_for(operator, proposed)["reason"] == "a quick movement for the bank"
 
 
 def test_another_trial_under_the_same_label_is_asked_for_anew(operator, trial):
