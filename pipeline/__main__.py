@@ -146,6 +146,12 @@ def explain(error: Exception) -> str:
     if twice:
         return f"{twice.group(1)}: an option is chosen already; leave out the +, as in {twice.group(1)}=..."
     unknown = re.search(r"Could not override '([^']+)'", text)
+    if unknown and "@" in unknown.group(1):
+        group, _, package = unknown.group(1).removeprefix("+").partition("@")
+        return (
+            f"{group}@{package}: expected a section that this workflow has, and it has no {package} of its own; "
+            f"leave @{package} out, or add the workflow that has one"
+        )
     if unknown:
         path = unknown.group(1).removeprefix("+").split("@")[0]
         if path.split(".")[-1] in _known_keys(path):

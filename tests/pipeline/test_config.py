@@ -24,6 +24,10 @@ from tests.pipeline.conftest import CONFIG, refusal, success
         (["plam=true"], "did you mean 'plan'?"),
         (["doubling.pauses=1"], "unknown key 'doubling.pauses': did you mean 'pause_s'?"),
         (["doublng.pause_s=1"], "unknown key 'doublng': did you mean 'doubling'?"),
+        (
+            ["doubling@other=plain"],
+            "doubling@other: expected a section that this workflow has, and it has no other of its own",
+        ),
         (["counting.cout.low=1"], "unknown key 'counting.cout': did you mean 'count'?"),
         (["+workflow.stage=[adding]"], "unknown key 'workflow.stage': did you mean 'stages'?"),
         (["workflow=toi"], "unknown workflow 'toi': did you mean 'toy'?"),
