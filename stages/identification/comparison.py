@@ -21,6 +21,7 @@ from stages.science.figures.learning_curves import draw_learning_curves
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, ENDED, average_muscles, carry_forward
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.muscle_models.samples import gather_tests, keep_wanted
 from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import Array
 from stages.science.statistics.paired import compare_pairs
@@ -154,11 +155,7 @@ def comparison(
     """Draw the learning curves of every arm and test the design against each control."""
     muscles, arms = list(hyperprior["muscle"].unique()), list(models["arm"].unique())
     given = {"bank": bank, "unseen_bank": unseen_bank, "task": task_movements}
-    tests = {
-        name: keep_wanted(cfg.model.extend(each, ["trajectory"]))
-        for name, each in given.items()
-        if each is not None and not each.empty
-    }
+    tests = {name: keep_wanted(each) for name, each in gather_tests(cfg.model, given).items()}
     jobs, who = {}, ["participant", "experiment"]
     for muscle in muscles:
         recorded = RecordedModels.read(hyperprior, scaling, muscle)
@@ -196,11 +193,6 @@ def comparison(
     if {"expected_below", "expected_next"} & set(trials.columns):
         final["trials"] = final["arm"].map(count_trials(kept))
     return curve, summary, final, compared, recommend(compared, arms[0])
-
-
-def keep_wanted(samples: pd.DataFrame) -> pd.DataFrame:
-    """Return the samples that the task wants, where they say so, else all."""
-    return samples[samples["wanted"]] if "wanted" in samples else samples
 
 
 def measure_errors(

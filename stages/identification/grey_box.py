@@ -28,6 +28,7 @@ from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average
 from stages.science.muscle_models.grey_box import GreyBox, Interval, predict_interval
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.muscle_models.samples import gather_tests, keep_wanted
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.measured_motion import simulate_force
 from stages.science.plant.plant import Plant
@@ -207,11 +208,7 @@ def grey_box(
     amended = Plant.model_validate(amend_plant(cfg.plant, amended_values, learned, channels, measured_muscles))
     plants = {NOMINAL: cfg.plant, AMENDED: amended}
     given = {"task": task_movements, "bank": bank, "unseen_bank": unseen_bank}
-    tests = {
-        name: add_forces(cfg.model.extend(each, ["trajectory"]), plants, cfg)
-        for name, each in given.items()
-        if each is not None and not each.empty
-    }
+    tests = {name: add_forces(each, plants, cfg) for name, each in gather_tests(cfg.model, given).items()}
     design = str(models["arm"].iloc[0])
     own_models, own_points = (each[each["arm"] == design] for each in (models, points))
     known = locate_points(own_points, hardware_recordings, active_recordings, amended, cfg)
@@ -224,20 +221,11 @@ def grey_box(
             where = str(key[0]), int(str(key[1])), muscle
             designed = Designed(its[its["trial"] == its["trial"].max()], points_of[where])
             generator = ctx.generator("starts", *where)
-            jobs["{} experiment {} {}".format(*where)] = (
-                *where,
-                recorded,
-                designed,
-                its_tests,
-                cfg.grey_box,
-                generator,
-            )
+            job = *where, recorded, designed, its_tests, cfg.grey_box, generator
+            jobs["{} experiment {} {}".format(*where)] = job
     rows = ctx.gather("experiments", judge_muscle, jobs)
     told = {
-        table.name: pd.DataFrame(
-            [row for name, row in rows if name == table.name],
-            columns=list(table.columns),
-        )
+        table.name: pd.DataFrame([row for name, row in rows if name == table.name], columns=list(table.columns))
         for table in (GREY_BOX_ERRORS, GREY_BOX_COVERAGE, GREY_BOX_MODELS)
     }
     told[GREY_BOX_ERRORS.name] = add_average(told[GREY_BOX_ERRORS.name])[list(GREY_BOX_ERRORS.columns)]
@@ -260,8 +248,7 @@ def add_forces(recordings: pd.DataFrame, plants: Mapping[str, Plant], cfg: Confi
         name: simulate_force(plant, cfg.exoskeleton, recordings, ["trajectory"], smoothing_s)
         for name, plant in plants.items()
     }
-    told = recordings.assign(**forces)
-    return told[told["wanted"]] if "wanted" in told else told
+    return keep_wanted(recordings.assign(**forces))
 
 
 def locate_points(

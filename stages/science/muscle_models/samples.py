@@ -1,12 +1,12 @@
 """The samples that models stand on, taken from what was executed."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.science.muscle_models.inputs import FEATURE_COLUMNS
+from stages.science.muscle_models.inputs import FEATURE_COLUMNS, ModelSettings
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
 TAKEN = ["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT, *FEATURE_COLUMNS]
@@ -37,6 +37,16 @@ def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequ
         for name, at in zip(muscles, picks, strict=True)
     ]
     return pd.concat(frames, ignore_index=True)[columns]
+
+
+def gather_tests(model: ModelSettings, given: Mapping[str, pd.DataFrame | None]) -> dict[str, pd.DataFrame]:
+    """Return the test sets that there are, with the features of a model's past."""
+    return {name: model.extend(each, ["trajectory"]) for name, each in given.items() if each is not None and len(each)}
+
+
+def keep_wanted(samples: pd.DataFrame) -> pd.DataFrame:
+    """Return the samples that the task wants, where they say so, else all."""
+    return samples[samples["wanted"]] if "wanted" in samples else samples
 
 
 def thin(executed: pd.DataFrame, every: int, trial: Sequence[str]) -> pd.DataFrame:
