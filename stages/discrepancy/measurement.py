@@ -377,6 +377,10 @@ def read_recordings(initial: pd.DataFrame | None, designed: pd.DataFrame | None,
     samples.loc[amiss, [name for name in READINGS if name != "pressure_command_kpa"]] = float("nan")
     counts = recordings[amiss].groupby(["muscle", "status"], sort=False).size().reset_index(name="count")
     notes = [(str(row["muscle"]), f"{row['count']} samples left out: {row['status']}") for _, row in counts.iterrows()]
+    filling = recordings["time_s"] < 0.0
+    if filling.any():
+        samples.loc[filling, "force_n"] = float("nan")
+        notes.append(("force_n", "left out where muscles were filled, which tells the state that trials begin in"))
     machine, file, described_in = cfg.exoskeleton, "hardware_recordings", "exoskeleton.muscles"
     told = machine.load_cell_site, HELD, machine.sampling_rate_hz, None, notes
     name = "hardware" if designed is None else "hardware and active_loop"

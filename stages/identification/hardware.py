@@ -20,6 +20,7 @@ from stages.science.rig.contract import RECORDING_COLUMNS, Rig, tidy
 from stages.science.rig.pacing import measure_pace
 from stages.science.rig.passive_trials import passive_trial
 from stages.science.rig.reference import tracked_trial
+from stages.science.rig.rows import leave_out_lead_in
 from stages.science.rig.trial import Proposal
 
 NOBODY = "nobody"
@@ -94,7 +95,7 @@ def hardware(
             first += commands.groupby(["experiment", "trial"]).ngroups
             advance(f"protocol experiment {turn[0]}")
     tables = ctx.record.collect()
-    pace = measure_pace(tables[HARDWARE_RECORDINGS.name], ["participant", "experiment", "position"])
+    pace = measure_pace(leave_out_lead_in(tables[HARDWARE_RECORDINGS.name]), ["participant", "experiment", "position"])
     rate_hz = float(rig.sampling_rate_hz)
     executed_by = (type(rig).__name__, rig.real, rate_hz, pace.p50_s, pace.p99_s, pace.overruns, pace.samples)
     return {**tables, EXECUTED_BY.name: pd.DataFrame([executed_by], columns=list(EXECUTED_BY.columns))}

@@ -18,6 +18,7 @@ from stages.science.muscle_models.loop_settings import Movements
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.participant import Participant
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS
+from stages.science.rig.rows import leave_out_lead_in
 from stages.science.signals.scaling import MODEL_INPUTS
 
 TRAJECTORY = column(int, "movement of the bank", low=0)
@@ -108,8 +109,9 @@ class Config(Section):
 @stage(CANDIDATES, REFERENCES, INITIAL_TRIALS, stream="subsampling")
 def subsampling(cfg: Config, bank: pd.DataFrame, ctx: Context) -> tuple[pd.DataFrame, pd.DataFrame, pd.DataFrame]:
     """Thin the bank to candidates without force and draw each experiment's initial trials."""
-    rank = bank.groupby(["trajectory", "muscle"], sort=False).cumcount()
-    candidates = CANDIDATES.select(cfg.model.extend(bank, ["trajectory"])[rank % cfg.subsampling.every == 0])
+    known = leave_out_lead_in(cfg.model.extend(bank, ["trajectory"]))
+    rank = known.groupby(["trajectory", "muscle"], sort=False).cumcount()
+    candidates = CANDIDATES.select(known[rank % cfg.subsampling.every == 0])
     trajectories, count = [int(each) for each in bank["trajectory"].unique()], cfg.subsampling.initial_trials
     check_initial_trials(count, len(trajectories))
     rows = []
@@ -117,7 +119,7 @@ def subsampling(cfg: Config, bank: pd.DataFrame, ctx: Context) -> tuple[pd.DataF
         for experiment in range(1, cfg.subsampling.experiments + 1):
             drawn = ctx.generator(participant, experiment).choice(trajectories, size=count, replace=False)
             rows += [(participant, experiment, position, int(each)) for position, each in enumerate(drawn, start=1)]
-    return candidates, bank[list(REFERENCES.columns)], pd.DataFrame(rows, columns=list(INITIAL_TRIALS.columns))
+    return candidates, known[list(REFERENCES.columns)], pd.DataFrame(rows, columns=list(INITIAL_TRIALS.columns))
 
 
 def check_initial_trials(count: int, movements: int) -> None:

@@ -23,6 +23,7 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, RECORDING_COLUMNS, Rig
 from stages.science.rig.excitation import FreeMovements, RigWithLimits, check_levels
+from stages.science.rig.rows import leave_out_lead_in
 from stages.science.rig.trial import Proposal
 from stages.science.signals.scaling import MODEL_INPUTS
 
@@ -111,7 +112,7 @@ class Config(Section):
 def task(cfg: Config, candidates: pd.DataFrame, ctx: Context) -> dict[str, pd.DataFrame]:
     """Gather the inputs that models are wanted for, from the bank or from movements recorded for it."""
     recordings = record_task(cfg, ctx) if cfg.task.of == "movements" else None
-    known = candidates if recordings is None else cfg.model.extend(recordings, ["trajectory"])
+    known = candidates if recordings is None else leave_out_lead_in(cfg.model.extend(recordings, ["trajectory"]))
     return {
         TASK.name: select_samples(known, cfg.task),
         TASK_MOVEMENTS.name: pd.DataFrame(columns=list(TASK_MOVEMENTS.columns)) if recordings is None else recordings,

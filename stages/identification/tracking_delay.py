@@ -17,6 +17,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.rig.rows import leave_out_lead_in
 from stages.science.signals.measures import find_delay
 
 INITIAL = "initial"
@@ -72,7 +73,7 @@ def tracking_delay(
     where = ["participant", "experiment", "arm", "trial"]
     designed = active_recordings.merge(trials[[*where, "trajectory"]], on=where)
     columns = [*where, "trajectory", "time_s", "muscle", "joint_angle_rad", "reference_shown_s"]
-    recordings = pd.concat([initial[columns], designed[columns]], ignore_index=True)
+    recordings = leave_out_lead_in(pd.concat([initial[columns], designed[columns]]))
     # of each joint, a muscle whose rows tell its angle
     muscles = {muscle.joint: muscle.name for muscle in reversed(cfg.exoskeleton.muscles)}
     rows = [row for joint, muscle in muscles.items() for row in measure(cfg, recordings, references, joint, muscle)]

@@ -34,6 +34,8 @@ from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average, s
 from stages.science.muscle_models.inputs import MeasuredInputs
 from stages.science.muscle_models.linear_muscle import LinearMuscleModel
 from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.muscle_models.samples import list_tests
+from stages.science.rig.rows import leave_out_lead_in
 from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
 from stages.science.statistics.groups import compare_groups
@@ -138,9 +140,10 @@ def baselines(
         )
     design = str(learning_curve["arm"].iloc[0])
     ours = learning_curve[learning_curve["arm"] == design]
-    tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
-    passive = protocol_recordings[protocol_recordings["experiment"] <= cfg.baselines.experiments]
-    interactive = active_recordings[active_recordings["arm"] == design]
+    tests = list_tests({"bank": bank, "unseen_bank": unseen_bank})
+    passive, designed = (leave_out_lead_in(each) for each in (protocol_recordings, active_recordings))
+    passive = passive[passive["experiment"] <= cfg.baselines.experiments]
+    interactive = designed[designed["arm"] == design]
     muscles = list(hyperprior["muscle"].unique())
     count, columns = count_points(points, design), [*MODEL_INPUTS, MODEL_OUTPUT]
     jobs = {}

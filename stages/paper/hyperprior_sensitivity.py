@@ -26,6 +26,7 @@ from stages.science.muscle_models.inputs import MeasuredInputs
 from stages.science.muscle_models.loop_settings import LoopSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.replay import Replay
+from stages.science.muscle_models.samples import list_tests
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.signals.scaling import Array
 from stages.science.statistics.equivalence import judge_equivalence, judge_paired_equivalence
@@ -181,9 +182,9 @@ def hyperprior_sensitivity(
     """Replay experiments under Table 1 and other hyperpriors and compare their errors."""
     section = cfg.hyperprior_sensitivity
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
-    banks = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
+    banks = list_tests({"bank": bank, "unseen_bank": unseen_bank})
     tests = [ForceTest.read(name, frame, muscles) for name, frame in banks.items()]
-    replay = partial(land, section, ctx, Replay.read(muscles, bank), tests)
+    replay = partial(land, section, ctx, Replay.read(muscles, banks["bank"]), tests)
     jobs = {f"experiment {each}": (each,) for each in range(1, section.experiments + 1)}
     tables = ctx.land("experiments", replay, jobs)
     rank = {each: position for position, each in enumerate(section.settings)}

@@ -27,6 +27,7 @@ from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES
 from stages.science.muscle_models.inputs import MeasuredInputs
 from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.muscle_models.samples import list_tests
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
 from stages.science.statistics.concentration import Choices, judge_concentration
@@ -240,13 +241,13 @@ def learned_models(
     )
     ctx.figure("frequent_references", draw_frequent_references(shown, references, groups), caption)
 
+    tests = list_tests({"bank": bank, "unseen_bank": unseen_bank})
     first = models[models["arm"] == design].iloc[0]
     own = ["arm", "participant", "experiment"]
     its_models, known = (each[(each[own] == first[own]).all(axis=1)] for each in (models, points))
-    forces = draw_up_forces(recorded, its_models, known, bank, section.surfaces.grid)
+    forces = draw_up_forces(recorded, its_models, known, tests["bank"], section.surfaces.grid)
     show_forces(section.surfaces, forces, its_models.sort_values("trial").iloc[-1], known, ctx)
 
-    tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
     jobs = gather(recorded, tests, models, points, section.reliability)
     rows = ctx.gather("experiments", measure_coverage, jobs)
     coverage = pd.DataFrame(rows, columns=list(COVERAGE.columns))

@@ -19,6 +19,7 @@ from pipeline.table import Table, column
 from stages.science.figures.learning_curves import draw_learning_curves
 from stages.science.gp.sparse_model import predict_weighted
 from stages.science.muscle_models.error_rates import average_muscles, summarise_error_rates
+from stages.science.muscle_models.samples import list_tests
 from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import Array, Scaling
 from stages.science.statistics.equivalence import judge_paired_equivalence
@@ -111,7 +112,7 @@ def sparse_comparison(
     unseen_bank: pd.DataFrame | None = None,
 ) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Draw the learning curves of sparse and exact models and test what keeping and choosing gain."""
-    tests = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
+    tests = list_tests({"bank": bank, "unseen_bank": unseen_bank})
     jobs, who = {}, ["participant", "experiment"]
     for muscle in sparse_models["muscle"].unique():
         constants = Scaling.of_muscle(scaling, muscle)

@@ -23,6 +23,7 @@ from stages.science.muscle_models.inputs import MeasuredInputs
 from stages.science.muscle_models.loop_settings import LoopSettings, Movements
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.replay import Replay
+from stages.science.muscle_models.samples import list_tests
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.statistics.equivalence import judge_paired_equivalence
 from stages.science.statistics.paired import compare_pairs
@@ -147,9 +148,9 @@ def time_shift(
     """Replay experiments with and without time shifts and compare their errors."""
     section = cfg.time_shift
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
-    banks = {"bank": bank} if unseen_bank is None else {"bank": bank, "unseen_bank": unseen_bank}
+    banks = list_tests({"bank": bank, "unseen_bank": unseen_bank})
     tests = [ForceTest.read(name, frame, muscles) for name, frame in banks.items()]
-    replay = partial(land, section, ctx, Replay.read(muscles, bank), tests)
+    replay = partial(land, section, ctx, Replay.read(muscles, banks["bank"]), tests)
     jobs = {f"experiment {each}": (each,) for each in range(1, section.experiments + 1)}
     curve = ctx.land("experiments", replay, jobs)[SHIFT_CURVE.name]
     curve = curve.sort_values(["amplitude_s", "experiment", "trial"], kind="stable", ignore_index=True)

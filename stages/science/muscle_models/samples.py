@@ -7,6 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stages.science.muscle_models.inputs import FEATURE_COLUMNS, ModelSettings
+from stages.science.rig.rows import leave_out_lead_in
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
 TAKEN = ["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT, *FEATURE_COLUMNS]
@@ -24,8 +25,8 @@ def spread_evenly(executed: pd.DataFrame, count: int, muscles: Sequence[str]) ->
 
 
 def keep_usable(executed: pd.DataFrame) -> pd.DataFrame:
-    """Return the samples that are as measured: of those, models are made."""
-    return executed[executed["status"] == "ok"]
+    """Return the samples of trials, not of their lead-ins, that are as measured: of those, models are made."""
+    return executed[(executed["status"] == "ok") & (executed["time_s"] >= 0.0)]
 
 
 def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequence[str]) -> pd.DataFrame:
@@ -39,13 +40,19 @@ def take(samples: pd.DataFrame, picks: Sequence[NDArray[np.intp]], muscles: Sequ
     return pd.concat(frames, ignore_index=True)[columns]
 
 
+def list_tests(given: Mapping[str, pd.DataFrame | None]) -> dict[str, pd.DataFrame]:
+    """Return the test sets that there are, without lead-ins."""
+    return {name: leave_out_lead_in(each) for name, each in given.items() if each is not None}
+
+
 def gather_tests(model: ModelSettings, given: Mapping[str, pd.DataFrame | None]) -> dict[str, pd.DataFrame]:
-    """Return the test sets that there are, with the features of a model's past."""
+    """Return the test sets that there are, with the features of a model's past, which lead-ins are part of."""
     return {name: model.extend(each, ["trajectory"]) for name, each in given.items() if each is not None and len(each)}
 
 
 def keep_wanted(samples: pd.DataFrame) -> pd.DataFrame:
-    """Return the samples that the task wants, where they say so, else all."""
+    """Return the samples of trials, not of their lead-ins, that the task wants, where they say so."""
+    samples = leave_out_lead_in(samples)
     return samples[samples["wanted"]] if "wanted" in samples else samples
 
 

@@ -319,7 +319,8 @@ class OperatorSession:
         self._history.append({"trial": trial.label or trial.kind, "decision": word, "note": note})
 
     def _sum_up(self, trial: Trial, recording: Recording) -> dict[str, Any]:
-        """Return what is shown of a recording."""
+        """Return what is shown of a recording, without its lead-in."""
+        recording = recording.without_lead_in()
         names = ("time_s", "joint_angle_rad", "pressure_command_kpa", "pressure_kpa", "force_n")
         summary: dict[str, Any] = {name: getattr(recording, name)[:: self._every].tolist() for name in names}
         summary["samples"] = len(recording.time_s)

@@ -21,6 +21,9 @@ from stages.science.plant.participant import Participant
 from stages.science.rig.attendance import Attendance, TrialDeclined
 from stages.science.rig.trial import CLIPPED_BY, PER_SAMPLE, STATUS, Recording, Trial
 
+LONGEST_LEAD_IN_S = 60.0
+"""Longest time before a trial in which muscles are filled, s."""
+
 MOST_ROWS = 50_000_000
 """Rows of a table of measurements, beyond which its ten numbers a row take over 4 GB and its copies no longer fit."""
 
@@ -259,7 +262,7 @@ def _word(description: str, among: Mapping[str, str] | None = None) -> pa.Column
 
 
 MEASUREMENT_COLUMNS: dict[str, pa.Column] = {
-    "time_s": _number("s", "time from the trial's start", 0.0, 3600.0),
+    "time_s": _number("s", "time from the trial's start; below 0 in the lead-in", -LONGEST_LEAD_IN_S, 3600.0),
     "muscle": _word("name of the muscle"),
     "pressure_command_kpa": _number(
         "kPa", "commanded gauge pressure as applied, held until the next sample", 0.0, 1000.0

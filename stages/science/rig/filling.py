@@ -8,7 +8,7 @@ import numpy as np
 from pydantic import Field
 
 from stages.science.rig.attendance import Moment
-from stages.science.rig.contract import Rig
+from stages.science.rig.contract import LONGEST_LEAD_IN_S, Rig
 from stages.science.rig.limits import Limits
 from stages.science.signals.trajectories import Array
 
@@ -25,10 +25,10 @@ def fill(first_kpa: Array, samples: int, share: float) -> Array:
 
 
 class FillingRig(Rig):
-    """A rig that applies commands within limits, and fills the muscles in a lead-in that is not recorded."""
+    """A rig that applies commands within limits, and fills the muscles in a lead-in, at times below 0."""
 
     limits: Limits
-    lead_in_s: float = Field(ge=0.0, le=60.0)
+    lead_in_s: float = Field(ge=0.0, le=LONGEST_LEAD_IN_S)
     filling_share: float = Field(ge=0.5, le=1.0)
 
     def _check_filling(self) -> None:

@@ -15,7 +15,7 @@ import pandas as pd
 from pydantic import field_validator
 
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, Rig, RigError, Watch
-from stages.science.rig.rows import assume_conduct, check_values, gather
+from stages.science.rig.rows import assume_conduct, check_values, gather, leave_out_lead_in
 from stages.science.rig.trial import Recording, Trial
 
 SUFFIXES = (".csv", ".parquet")
@@ -76,7 +76,10 @@ class ManualRig(Rig):
             "reason": "" if trial.proposal is None else trial.proposal.reason,
             "save_as": str(path),
             "columns": {name: each.description for name, each in MEASUREMENT_COLUMNS.items()},
-            "rows": f"one for each of {len(self.muscles)} muscles and {self.samples} samples",
+            "rows": (
+                f"one for each of {len(self.muscles)} muscles and {self.samples} samples; before them, at times below "
+                "0, those of the filling, where they were recorded"
+            ),
             "time_s": (np.arange(self.samples) / self.sampling_rate_hz).tolist(),
             "reference_rad": dict(shown),
             "pressure_command_kpa": dict(zip(self.muscles, trial.pressure_command_kpa.T.tolist(), strict=True)),
@@ -97,12 +100,13 @@ class ManualRig(Rig):
             frame = check_values(assume_conduct(frame))
         except ValueError as error:
             raise RigError(f"{path}: {error}") from None
-        counts = frame["muscle"].value_counts()
+        counts = leave_out_lead_in(frame)["muscle"].value_counts()
         wrong = [name for name in self.muscles if counts.get(name, 0) != self.samples]
         if wrong:
             got = ", ".join(f"{counts.get(name, 0)} of {name}" for name in wrong)
             raise RigError(f"{path}: expected {self.samples} samples of every muscle, got {got}")
         times = frame.groupby("time_s")["muscle"].nunique()
-        if len(times) != self.samples or times.min() < len(self.muscles):
-            raise RigError(f"{path}: expected the same {self.samples} times for every muscle, got {len(times)} times")
+        since = times[times.index >= 0.0]
+        if len(since) != self.samples or times.min() < len(self.muscles):
+            raise RigError(f"{path}: expected the same {self.samples} times for every muscle, got {len(since)} times")
         return gather(frame, self)

@@ -4,6 +4,8 @@ Adopted rows of one trial flow in, as they were recorded; as many samples as a t
 each muscle, or a `RecordingError` that names rows and what to set.
 """
 
+import math
+
 import numpy as np
 import pandas as pd
 
@@ -16,6 +18,8 @@ from stages.science.signals.trajectories import Array
 READINGS = tuple(MEASUREMENT_COLUMNS)[2:]
 HELD = ("pressure_command_kpa", *PUNCTUAL)
 """Columns whose values hold until the next sample."""
+A_ROUNDING = 1e-6
+"""Share of a sample by which a time may miss a whole number of them."""
 A_GAP = 1.5
 """Steps of time, over the usual one, from which on samples are missing in between."""
 
@@ -23,7 +27,8 @@ A_GAP = 1.5
 def keep(rows: pd.DataFrame, rate_hz: float, samples: int, largest_jitter: float) -> pd.DataFrame:
     """Return the rows of a trial that is sampled as the machine is, on its clock; the jitter is as of `regularise`.
 
-    Rows are adopted columns, in the order of time within each muscle; their index counts the rows of the file.
+    Rows are adopted columns, in the order of time within each muscle; their index counts the rows of the file. Those at
+    times below 0 are the lead-in, which is of any length.
 
     Raises
     ------
@@ -50,7 +55,8 @@ def keep(rows: pd.DataFrame, rate_hz: float, samples: int, largest_jitter: float
                 "rig.resample=true, which marks what is missing"
             )
     placed, _ = regularise(rows, "trial", ["muscle"], rate_hz, largest_jitter)
-    counts = placed.groupby("muscle")["time_s"].size()
+    lead = max(round(-float(rows["time_s"].min()) * rate_hz), 0)
+    counts = placed.groupby("muscle")["time_s"].size() - lead
     if (counts != samples).any():
         count = int(counts[counts != samples].iloc[0])
         remedy = "rig.resample=true, which cuts it, or " if count > samples else ""
@@ -58,7 +64,7 @@ def keep(rows: pd.DataFrame, rate_hz: float, samples: int, largest_jitter: float
             f"expected the {samples} samples of a trial, got {count}; set {remedy}"
             f"exoskeleton.trial_s={count / rate_hz:g}"
         )
-    return placed
+    return placed.assign(time_s=placed["time_s"] - lead / rate_hz)
 
 
 def resample(rows: pd.DataFrame, rate_hz: float, samples: int, largest_gap_s: float) -> pd.DataFrame:
@@ -72,7 +78,10 @@ def resample(rows: pd.DataFrame, rate_hz: float, samples: int, largest_gap_s: fl
     RecordingError
         Where more is missing than the longest stretch without samples that is bridged, s.
     """
-    start_s, grid = float(rows["time_s"].min()), np.arange(samples) / rate_hz
+    latest_s = float(rows.groupby("muscle", sort=False)["time_s"].min().max())
+    lead = max(math.floor(-latest_s * rate_hz + A_ROUNDING), 0)
+    start_s = 0.0 if lead else float(rows["time_s"].min())
+    grid = np.arange(-lead, samples) / rate_hz
     muscles = rows.groupby("muscle", sort=False)
     placed = [_resample_muscle(own, start_s, grid, largest_gap_s) for _, own in muscles]
     return pd.concat(placed, ignore_index=True)
@@ -93,7 +102,7 @@ def _resample_muscle(rows: pd.DataFrame, start_s: float, grid: Array, largest_ga
     missed = times[after] - times[before] > A_GAP * usual
     missed |= (grid > times[-1] + 0.5 * usual) | (grid < times[0] - 0.5 * usual)
     runs = np.diff(np.flatnonzero(np.concatenate([[True], ~missed, [True]])))
-    longest = (int(runs.max()) - 1) * float(grid[1])
+    longest = (int(runs.max()) - 1) * float(grid[1] - grid[0])
     if longest > largest_gap_s:
         at = float(grid[int(np.argmax(missed))])
         raise RecordingError(

@@ -28,7 +28,7 @@ from stages.science.recording.plausibility import check_readings
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, Rig, RigError, Watch
 from stages.science.rig.placement import READINGS, keep, resample
 from stages.science.rig.reference import arrange
-from stages.science.rig.rows import PUNCTUAL, assume_conduct, check_values, gather
+from stages.science.rig.rows import PUNCTUAL, assume_conduct, check_values, gather, leave_out_lead_in
 from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.trajectories import Array
 
@@ -203,10 +203,8 @@ class ReplayRig(Rig):
         if "time_s" not in rows:
             rows = count_time(rows, ["muscle"], float(self.rate_hz or 0.0))
         check_rows(rows, ("trial", "muscle", "time_s"))
-        if self.resample:
-            placed = resample(rows, self.sampling_rate_hz, self.samples, self.largest_gap_s)
-        else:
-            placed = keep(rows, self.sampling_rate_hz, self.samples, self.largest_jitter)
+        size = self.sampling_rate_hz, self.samples
+        placed = resample(rows, *size, self.largest_gap_s) if self.resample else keep(rows, *size, self.largest_jitter)
         window = self.exoskeleton.velocity_filter
         filtering = self.sampling_rate_hz, window.window_s, window.order
         if "joint_velocity_rad_per_s" not in placed:
@@ -223,14 +221,16 @@ class ReplayRig(Rig):
                 with _about(f"{file.parent / name}"):
                     check_values(rows)
             raise
-        each = len(self.muscles) * self.samples
         first_muscle = [list(self.muscle_joints).index(joint) for joint in self.joints]
-        found = []
-        for k, (name, rows) in enumerate(placed.items()):
-            recording = gather(checked.iloc[k * each : (k + 1) * each], self)
+        found, begun = [], 0
+        for name, rows in placed.items():
+            recording = gather(checked.iloc[begun : begun + len(rows)], self)
+            begun += len(rows)
             who = str(rows["participant"].iloc[0]) if "participant" in rows else None
-            told = "reference_rad" in rows
-            shown = arrange(rows, "reference_rad", self)[:, first_muscle] if told else recording.joint_angle_rad
+            if "reference_rad" in rows:
+                shown = arrange(leave_out_lead_in(rows), "reference_rad", self)[:, first_muscle]
+            else:
+                shown = recording.without_lead_in().joint_angle_rad
             found.append(Recorded(name, who, recording, shown))
         return found
 
@@ -257,6 +257,7 @@ def _list_files(path: InputPath) -> list[Path]:
 
 def _differ(recording: Recording, command_kpa: Array) -> float:
     """Return the RMS difference of commands, kPa, where nothing clipped what was asked."""
+    recording = recording.without_lead_in()
     as_asked = recording.clipped_by == ""
     as_asked = as_asked if as_asked.any() else np.ones_like(as_asked)
     return float(np.sqrt(np.mean((recording.pressure_command_kpa - command_kpa)[as_asked] ** 2)))

@@ -18,33 +18,43 @@ def record(
     plant: Plant,
     generator: np.random.Generator,
     start_s: float = 0.0,
+    lead: int = 0,
 ) -> Recording:
-    """Return the recording of a motion under commands as applied (T, M), kPa gauge, of a trial begun in a session, s.
+    """Return the recording of a motion under commands as applied (L + T, M), kPa gauge, of a trial in a session.
 
-    Noise comes before the effects of a sensor, which may round or clip it.
+    The trial begins at `start_s`, after the L samples of its lead-in. Their noise is drawn last, and their velocities
+    are filtered apart, so that a trial's numbers do not depend on whether they are there. Noise comes before the
+    effects of a sensor, which may round or clip it.
     """
-    chain = Chain(exoskeleton, plant, start_s)
+    rate_hz = exoskeleton.sampling_rate_hz
+    chain = Chain(exoskeleton, plant, start_s - lead / rate_hz)
     models = [plant.model_of(muscle) for muscle in exoskeleton.muscles]
+    pressure_noise, force_noise, angle_noise = _draw_noise(generator, command_kpa, motion.joint_angle_rad, lead)
     pressure = chain.sense_pressure(
-        motion.pressure_kpa + _white(generator, motion.pressure_kpa, [each.pressure_noise_kpa for each in models])
+        motion.pressure_kpa + pressure_noise * np.array([each.pressure_noise_kpa for each in models])
     )
     pulled = motion.force_n if exoskeleton.load_cell_site == "muscle_tip" else motion.tension_n
-    noisy = pulled + _white(generator, pulled, [each.force_noise_n for each in models])
+    noisy = pulled + force_noise * np.array([each.force_noise_n for each in models])
     shown = chain.sense_force(noisy, motion.pressure_kpa, motion.contraction, motion.velocity_per_s)
-    angle = read_encoder(motion.joint_angle_rad, plant.encoder, generator)
+    angle = read_encoder(motion.joint_angle_rad, plant.encoder, angle_noise)
     return Recording(
-        time_s=np.arange(len(angle)) / exoskeleton.sampling_rate_hz,
+        time_s=(np.arange(len(angle)) - lead) / rate_hz,
         pressure_command_kpa=command_kpa,
         pressure_kpa=pressure,
         force_n=np.maximum(shown, 0.0),
-        **derive_from_encoder(angle, exoskeleton),
+        **derive_from_encoder(angle, exoskeleton, lead),
     )
 
 
-def derive_from_encoder(angle_rad: Array, exoskeleton: Exoskeleton) -> dict[str, Array]:
-    """Return joint angles (T, J) and what follows from them, filtered velocities too, as columns of a `Recording`."""
+def derive_from_encoder(angle_rad: Array, exoskeleton: Exoskeleton, lead: int = 0) -> dict[str, Array]:
+    """Return joint angles (L + T, J) and what follows from them, velocities too, as columns of a `Recording`.
+
+    Velocities are filtered in the lead-in L and in the trial apart.
+    """
     window = exoskeleton.velocity_filter
-    velocity = differentiate(angle_rad, exoskeleton.sampling_rate_hz, window.window_s, window.order)
+    parts = np.split(angle_rad, [lead]) if lead else [angle_rad]
+    filtered = [differentiate(each, exoskeleton.sampling_rate_hz, window.window_s, window.order) for each in parts]
+    velocity = np.concatenate(filtered)
     return {
         "joint_angle_rad": angle_rad,
         "joint_velocity_rad_per_s": velocity,
@@ -63,15 +73,17 @@ def contract(angle_rad: Array, velocity_rad_per_s: Array, exoskeleton: Exoskelet
     }
 
 
-def read_encoder(angle_rad: Array, encoder: Encoder, generator: np.random.Generator) -> Array:
-    """Return what an encoder shows of true angles: noise, then whole counts."""
-    shown = angle_rad + encoder.noise_rad * generator.standard_normal(angle_rad.shape)
+def read_encoder(angle_rad: Array, encoder: Encoder, noise: Array) -> Array:
+    """Return what an encoder shows of true angles: noise, from standard normal numbers, then whole counts."""
+    shown = angle_rad + encoder.noise_rad * noise
     if encoder.resolution_rad == 0.0:
         return shown
     counts: Array = np.round(shown / encoder.resolution_rad)
     return counts * encoder.resolution_rad
 
 
-def _white(generator: np.random.Generator, like: Array, deviations: list[float]) -> Array:
-    noise: Array = generator.standard_normal(like.shape) * np.array(deviations)
-    return noise
+def _draw_noise(generator: np.random.Generator, muscles: Array, joints: Array, lead: int) -> list[Array]:
+    """Return standard normal numbers for pressures, forces and angles, those of the lead-in drawn last."""
+    shapes = [muscles.shape[1], muscles.shape[1], joints.shape[1]]
+    trial, filling = ([generator.standard_normal((n, k)) for k in shapes] for n in (len(muscles) - lead, lead))
+    return [np.concatenate(pair) for pair in zip(list(filling), list(trial), strict=True)]

@@ -6,7 +6,7 @@ Configuration and trials flow in, recordings flow out. Every random number comes
 import math
 from collections.abc import Iterator, Sequence
 from dataclasses import replace
-from typing import ClassVar, Self, TypeVar
+from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import model_validator
@@ -26,7 +26,6 @@ from stages.science.rig.sensors import record
 from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.trajectories import Array
 
-Sampled = TypeVar("Sampled", Motion, Recording)
 SHOWN_HZ = 100.0
 """Rate at which a trial that takes its time is shown."""
 SHORTEST_S = 0.25
@@ -136,18 +135,18 @@ class SimulatedRig(FillingRig):
             moved, late_s = self._follow(trial, whole)
         else:
             moved, late_s = self._move(trial, whole, generator), np.zeros(len(whole))
-        motion, late_s = _cut(moved, slice(lead, None)), late_s[lead:]
-        done = len(motion.force_n)
+        taken = len(moved.force_n)
+        done = taken - lead
         if done < min(self.samples, SHORTEST_S * self.sampling_rate_hz):
-            raise self._stopped(done)
-        recording = record(motion, command[:done], self.exoskeleton, self.plant, generator)
-        late_s = late_s[:done]
-        status = np.repeat(np.where(late_s > LATE_S, "late", "ok")[:, None], len(self.muscles), axis=1)
-        recording = replace(recording, clipped_by=clipped[:done], late_s=late_s, status=status)
+            raise self._stopped(max(done, 0))
+        clipped = np.concatenate([np.full((lead, len(self.muscles)), "ramp", dtype=clipped.dtype), clipped])
+        recording = record(moved, whole[:taken], self.exoskeleton, self.plant, generator, lead=lead)
+        status = np.repeat(np.where(late_s[:taken] > LATE_S, "late", "ok")[:, None], len(self.muscles), axis=1)
+        recording = replace(recording, clipped_by=clipped[:taken], late_s=late_s[:taken], status=status)
         if self.realtime and not follows:
-            done = self._play(trial, whole, _cut(moved, slice(lead)), recording)
+            done = self._play(trial, whole, recording)
         if watch is not None and (self.attendance is not None or done < len(command)):
-            watch(tidy(_cut(recording, slice(done)), self))
+            watch(tidy(recording.cut(slice(lead + done)), self))
         if done < len(command):
             raise self._stopped(done)
         return recording
@@ -156,18 +155,13 @@ class SimulatedRig(FillingRig):
         when = f"{done / self.sampling_rate_hz:.2f} s into the trial"
         return TrialStopped(f"stopped {when}: {self._why_stop()}", clock.now_s())
 
-    def _play(self, trial: Trial, command: Array, filling: Motion, recording: Recording) -> int:
-        """Show the filling and a recording at the pace of its clock; return how many samples were over at a stop."""
-        lead = len(filling.force_n)
-        angle, pressure, force = (
-            np.concatenate([getattr(part, name) for part in (filling, recording)])
-            for name in ("joint_angle_rad", "pressure_kpa", "force_n")
-        )
+    def _play(self, trial: Trial, command: Array, recording: Recording) -> int:
+        """Show a recording at the pace of its clock; return how many samples of the trial were over at a stop."""
+        angle, pressure, force = recording.joint_angle_rad, recording.pressure_kpa, recording.force_n
         for index in self._keep_time(trial):
-            time_s = (index - lead) / self.sampling_rate_hz
-            self._show(time_s, angle[index], command[index], pressure[index], force[index])
+            self._show(recording.time_s[index], angle[index], command[index], pressure[index], force[index])
             if self._why_stop():
-                return max(index - lead, 0)
+                return max(index - self._lead_samples, 0)
         return self.samples
 
     def _follow(self, trial: Trial, command: Array) -> tuple[Motion, Array]:
@@ -221,7 +215,3 @@ class SimulatedRig(FillingRig):
         intention = intend(who, self.exoskeleton, held, generator)
         person = embody(who, self.exoskeleton)
         return interact(self.exoskeleton, self.plant, command, intention, person, intention.angle_rad[0])
-
-
-def _cut(whole: Sampled, part: slice) -> Sampled:
-    return type(whole)(**{name: values[part] for name, values in vars(whole).items()})

@@ -2,7 +2,7 @@
 
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -115,12 +115,14 @@ class Trial:
 
 @dataclass(frozen=True, eq=False)
 class Recording:
-    """What was applied and measured in one trial, T samples of M muscles and J joints.
+    """What was applied and measured in one trial, T samples of M muscles and J joints, and before it.
+
+    Samples of the lead-in, in which muscles are filled, come first and count in T; a machine need not tell them.
 
     Parameters
     ----------
     time_s : (T,) ndarray
-        From the trial's start.
+        From the trial's start, below 0 in the lead-in.
     pressure_command_kpa : (T, M) ndarray
         As applied, after limits, kPa gauge.
     pressure_kpa, contraction, contraction_velocity_per_s, force_n : (T, M) ndarray
@@ -164,6 +166,19 @@ class Recording:
             expected = self.time_s.shape if each.name in PER_SAMPLE else (len(self.time_s), like.shape[-1])
             if shape != expected:
                 raise ValueError(f"recording: expected {each.name} of shape {expected}, got {shape}")
+
+    @property
+    def lead(self) -> int:
+        """Samples of the lead-in."""
+        return int(np.searchsorted(self.time_s, 0.0))
+
+    def cut(self, part: slice) -> Self:
+        """Return some of its samples."""
+        return type(self)(**{each.name: getattr(self, each.name)[part] for each in fields(self)})
+
+    def without_lead_in(self) -> Self:
+        """Return the trial alone."""
+        return self.cut(slice(self.lead, None))
 
 
 def _as_matrix(name: str, values: Array) -> Array:

@@ -25,7 +25,7 @@ HANDED_OVER = 10
 class Logbook:
     """The samples of one trial on a rig's machine, under commands (L + T, M), kPa gauge, clipped by what is told.
 
-    The samples L of the lead-in have times below 0 and are no part of what is collected.
+    The samples L of the lead-in have times below 0.
     """
 
     def __init__(self, rig: Rig, lead: int, command_kpa: Array, clipped_by: NDArray[Any], watch: Watch | None):
@@ -76,9 +76,9 @@ class Logbook:
         self._append({**row, "status": status, "late_s": max(late_s, 0.0)})
 
     def collect(self) -> Recording:
-        """Return the trial without lead-in and without the way down, velocities as of every rig."""
-        measured = self._record(self.lead, len(self.command_kpa))
-        derived = derive_from_encoder(measured.joint_angle_rad, self.rig.exoskeleton)
+        """Return the trial with its lead-in and without the way down, velocities as of every rig."""
+        measured = self._record(0, len(self.command_kpa))
+        derived = derive_from_encoder(measured.joint_angle_rad, self.rig.exoskeleton, self.lead)
         return replace(measured, force_n=np.maximum(measured.force_n, 0.0), **derived)
 
     def hand_over(self) -> None:
