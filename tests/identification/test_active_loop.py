@@ -95,6 +95,7 @@ def test_error_rates_are_those_of_a_model_rebuilt_from_the_tables(run):
     scaling = read(run, "scaling").query("muscle == 'pam3'").set_index("quantity")
     settings = OmegaConf.to_container(compose_values().model)
     test = ModelSettings(**settings).extend(read(run, "bank").query("muscle == 'pam3'"), ["trajectory"])
+    test = test[test["time_s"] >= 0.0]
     inputs = ["pressure_kpa", "contraction", "contraction_velocity_per_s", *FEATURES]
 
     def standard(frame, names):

@@ -11,6 +11,7 @@ from pipeline.context import Context
 from stages.science.rig.contract import RECORDING_COLUMNS, tidy
 from stages.science.rig.manual import ManualRig, TrialRequested
 from stages.science.rig.passive_trials import passive_trial
+from stages.science.rig.rows import leave_out_lead_in
 from stages.science.rig.sim import SimulatedRig
 from tests.science.rig.test_manual import execute_by_hand
 from tests.studies import read_stages, run_stage
@@ -71,7 +72,7 @@ def test_initial_trials_are_the_same_with_and_without_and_it_is_said_what_execut
 
 
 def test_every_commanded_trial_is_recorded_as_commanded(passive):
-    commands, recordings = (passive[2][name] for name in ("protocol_commands", "protocol_recordings"))
+    commands, recordings = passive[2]["protocol_commands"], leave_out_lead_in(passive[2]["protocol_recordings"])
     assert recordings.groupby("experiment")["trial"].unique().map(list).to_dict() == {1: [1, 2, 3], 2: [1, 2, 3]}
     for name in ("experiment", "trial", "time_s", "muscle", "pressure_command_kpa"):
         np.testing.assert_array_equal(recordings[name], commands[name])
@@ -79,7 +80,7 @@ def test_every_commanded_trial_is_recorded_as_commanded(passive):
 
 def test_recordings_are_sane(passive):
     study, _, tables = passive
-    recordings, machine = tables["protocol_recordings"], study.build("rig").exoskeleton
+    recordings, machine = leave_out_lead_in(tables["protocol_recordings"]), study.build("rig").exoskeleton
     lag = (recordings["pressure_kpa"] - recordings["pressure_command_kpa"]).abs()
     assert lag.max() < 60.0
     for muscle in machine.muscles:

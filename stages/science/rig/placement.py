@@ -64,7 +64,7 @@ def keep(rows: pd.DataFrame, rate_hz: float, samples: int, largest_jitter: float
             f"expected the {samples} samples of a trial, got {count}; set {remedy}"
             f"exoskeleton.trial_s={count / rate_hz:g}"
         )
-    return placed.assign(time_s=placed["time_s"] - lead / rate_hz)
+    return placed.assign(time_s=((placed["time_s"] * rate_hz).round() - lead) / rate_hz)
 
 
 def resample(rows: pd.DataFrame, rate_hz: float, samples: int, largest_gap_s: float) -> pd.DataFrame:

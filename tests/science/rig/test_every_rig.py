@@ -12,6 +12,7 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import RECORDING_COLUMNS, RigError, tidy
 from stages.science.rig.reference import exchange_pressures, track, tracked_trial
 from stages.science.rig.replay import ReplayRig
+from stages.science.rig.rows import leave_out_lead_in
 from stages.science.rig.trial import CLIPPED_BY, STATUS, Trial
 from tests.cpx_e.rig import describe_rig, emulate_rig
 from tests.science.plant.machines import other_rig
@@ -103,9 +104,16 @@ def test_trials_of_all_three_kinds_follow_each_other_in_one_block(rig, generator
     given = [*trials(rig), trials(rig)[2]]
     with rig:
         assert rig.connected
-        recordings = [rig.execute(trial, generator) for trial in given]
+        wholes = [rig.execute(trial, generator) for trial in given]
     assert not rig.connected
-    for trial, found in zip(given, recordings, strict=True):
+    recordings = [each.without_lead_in() for each in wholes]
+    for trial, whole, found in zip(given, wholes, recordings, strict=True):
+        lead = round(getattr(rig, "lead_in_s", whole.lead / RATE_HZ) * RATE_HZ)
+        np.testing.assert_allclose(whole.time_s, np.arange(-lead, rig.samples) / RATE_HZ, atol=1e-12)
+        if lead:
+            assert (whole.pressure_kpa[0] < 2.0).all()
+            assert set(whole.clipped_by[:lead].ravel()) == {"ramp"}
+            np.testing.assert_allclose(whole.pressure_command_kpa[lead - 1], trial.pressure_command_kpa[0])
         frame = tidy(found, rig)
         assert list(frame) == list(RECORDING_COLUMNS)
         assert len(frame["time_s"]) == rig.samples * len(rig.muscles)
@@ -168,7 +176,7 @@ def test_exchanged_pressures_are_applied_within_every_limit(rig, generator):
     rows = exchange_pressures(references, 0, sources)
     np.testing.assert_array_equal(tracked_trial(rows, rig, "p1", "").pressure_command_kpa, asked)
     with rig:
-        recorded = track(rows, 0, rig, "p1", "exchanged", generator)
+        recorded = leave_out_lead_in(track(rows, 0, rig, "p1", "exchanged", generator))
     if isinstance(rig, ReplayRig):
         return  # it found the nearest that there was
     applied = np.column_stack(
@@ -198,7 +206,7 @@ def pulling(rig):
 def test_what_clipped_the_command_is_recorded(rig, generator):
     asked = clipped(rig).pressure_command_kpa
     with rig:
-        found = rig.execute(clipped(rig), generator)
+        found = rig.execute(clipped(rig), generator).without_lead_in()
     pulled = pulling(rig)
     kinds = [rig.exoskeleton.muscles[each].type for each in pulled]
     high, slew = np.array([MOST[each] for each in kinds]).T

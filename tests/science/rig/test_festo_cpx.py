@@ -84,8 +84,9 @@ def wait_for_watchdog(emulator):
 def test_a_trial_is_recorded_as_commanded(rig, emulator):
     given = wave(rig)
     with rig:
-        recording = rig.execute(given, np.random.default_rng(0))
+        whole = rig.execute(given, np.random.default_rng(0))
         between = emulator.state()
+    recording = whole.without_lead_in()
     np.testing.assert_array_equal(recording.pressure_command_kpa, given.pressure_command_kpa)
     assert set(recording.clipped_by.ravel()) == {""}
     assert set(recording.status.ravel()) == {"ok"}
@@ -115,7 +116,7 @@ def test_an_operators_stop_lets_the_muscles_down_and_the_trial_can_be_repeated(r
         assert "ramp" in set(measured["status"])
         watching.stop_at_s = np.inf
         recording = rig.execute(wave(rig), np.random.default_rng(0))
-    assert len(recording.time_s) == rig.samples
+    assert len(recording.without_lead_in().time_s) == rig.samples
 
 
 @pytest.mark.parametrize("number", [signal.SIGINT, signal.SIGTERM])

@@ -1,4 +1,4 @@
-"""Ten designed trials on an emulated device teach as much as on the simulated rig."""
+"""Twelve designed trials on an emulated device teach as much as on the simulated rig."""
 
 import numpy as np
 import pytest
@@ -11,12 +11,12 @@ pytestmark = pytest.mark.slow
 
 STAGES = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "comparison"]
 MACHINE = ("plant=nominal", "exoskeleton.sampling_rate_hz=100", "exoskeleton.trial_s=2.0", "bank.trajectories=14")
-STUDY = (*MACHINE, "subsampling.initial_trials=2", "active_loop.trials=10", "active_loop.controls=[]")
+STUDY = (*MACHINE, "subsampling.initial_trials=2", "active_loop.trials=12", "active_loop.controls=[]")
 SEEDS = range(5)
 
 
 def identify(folder, *chosen):
-    """Run the study; return the mean error rate of the models before and after ten trials."""
+    """Run the study; return the mean error rate of the models before and after twelve trials."""
     study, stages = read_stages(STAGES, *STUDY, *chosen)
     tables = {}
     for name in STAGES:

@@ -137,7 +137,7 @@ def test_an_operators_stop_lets_the_muscles_down_and_the_trial_can_be_repeated(r
         assert state["watchdog_count"] == 0
         recording = rig.execute(wave(rig), np.random.default_rng(0))
     operator.join(timeout=5)
-    assert len(recording.time_s) == rig.samples
+    assert len(recording.without_lead_in().time_s) == rig.samples
     assert not operator.is_alive()
 
 

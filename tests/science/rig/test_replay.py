@@ -12,7 +12,7 @@ from stages.science.rig.replay import ReplayRig
 from stages.science.rig.trial import Trial
 from tests.bags import write_bag, write_mcap
 from tests.science.plant.machines import CONF, configured, other_machine, other_rig
-from tests.science.rig.watching import execute
+from tests.science.rig.watching import execute_whole as execute
 from tests.studies import read_stages, run_stage
 
 DEFAULTS = {
@@ -35,10 +35,11 @@ def make_trial(rig, kind="tracked", offset=0.0, number=None):
     return Trial(kind, who, ramp, reference, number=number)
 
 
-def record(rig, *trials):
-    """Return the recordings of these trials, and their long rows."""
+def record(rig, *trials, whole=False):
+    """Return the recordings of these trials, of their lead-ins too or not, and their long rows."""
     with rig:
         told = [rig.execute(each, np.random.default_rng(k)) for k, each in enumerate(trials)]
+    told = told if whole else [each.without_lead_in() for each in told]
     frames = [pd.DataFrame(tidy(each, rig)).assign(trial=k + 1) for k, each in enumerate(told)]
     return told, pd.concat(frames, ignore_index=True)
 
@@ -75,10 +76,12 @@ MACHINES = {
 
 @pytest.mark.parametrize("machine", MACHINES)
 @pytest.mark.parametrize("kind", ["free", "tracked", "passive"])
-def test_what_was_recorded_comes_back_exactly(tmp_path, machine, kind):
+@pytest.mark.parametrize("whole", [False, True])
+def test_what_was_recorded_comes_back_exactly(tmp_path, machine, kind, whole):
     rig = MACHINES[machine]()
     trials = [make_trial(rig, kind, offset) for offset in (0.0, 7.0)]
-    told, rows = record(rig, *trials)
+    told, rows = record(rig, *trials, whole=whole)
+    assert (rows["time_s"].min() < 0.0) == whole
     rows.to_parquet(tmp_path / "a.parquet")
     player = replay(rig, tmp_path / "a.parquet", kind)
     for trial, recording in zip(trials, told, strict=True):
@@ -262,16 +265,20 @@ def test_resampling_marks_gaps_and_holds_what_was_before(play, told):
     assert "trial 1: column time_s: nothing for 0.08 s, first from 0.4 s of the trial on" in message
 
 
-def test_resampling_changes_rate_and_length(tmp_path):
+@pytest.mark.parametrize("whole", [False, True])
+def test_resampling_changes_rate_and_length(tmp_path, whole):
     quick = other_rig(other_machine([2], 200.0, 2.0))
     slow = other_rig(other_machine([2], 100.0, 1.5))
-    (recording,), rows = record(quick, make_trial(quick))
+    (recording,), rows = record(quick, make_trial(quick), whole=whole)
+    rows = rows[rows["time_s"] > -0.995]  # begins between two samples of the slow machine
+    recording = recording.cut(slice(2 * whole, 500))
     rows.to_parquet(tmp_path / "a.parquet")
-    command = recording.pressure_command_kpa[:300:2]
+    command = recording.without_lead_in().pressure_command_kpa[:300:2]
     trial = Trial("tracked", "p1", command, np.full((150, 1), 0.5))
     found = execute(replay(slow, tmp_path / "a.parquet", resample=True), trial)
-    np.testing.assert_array_equal(found.force_n, recording.force_n[:300:2])
-    np.testing.assert_array_equal(found.time_s, np.arange(150) / 100.0)
+    lead = 99 * whole
+    np.testing.assert_array_equal(found.time_s, np.arange(-lead, 150) / 100.0)
+    np.testing.assert_array_equal(found.force_n, recording.force_n[: 2 * lead + 300 : 2])
     short = other_rig(other_machine([2], 100.0, 2.5))
     message = refusal(replay(short, tmp_path / "a.parquet", resample=True), make_trial(short))
     assert "nothing for 0.5 s, first from 2 s" in message

@@ -45,9 +45,15 @@ class Watching:
         return (np.array([getattr(each, name) for each in self.moments]) for name in names)
 
 
-def execute(rig, trial, seed=0, watch=None):
+def execute_whole(rig, trial, seed=0, watch=None):
+    """Return what was recorded, with the lead-in."""
     with rig:
         return rig.execute(trial, np.random.default_rng(seed), watch)
+
+
+def execute(rig, trial, seed=0, watch=None):
+    """Return what was recorded of the trial alone."""
+    return execute_whole(rig, trial, seed, watch).without_lead_in()
 
 
 def wave(rig, kind="free", level=120.0):
