@@ -29,6 +29,7 @@ from stages.science.gp.interaction import Design, Interaction
 from stages.science.gp.knowledge import Choice
 from stages.science.gp.task_utilities import TASK_UTILITIES
 from stages.science.gp.utility_names import name_utility
+from stages.science.muscle_models.bent_inputs import Search
 from stages.science.muscle_models.description import describe_choice, describe_models
 from stages.science.muscle_models.error_rates import ForceTest
 from stages.science.muscle_models.expected_errors import Spread, forecast_error
@@ -38,6 +39,7 @@ from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import keep_usable, spread_evenly, take
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.attendance import TrialDeclined
+from stages.science.rig.bending import Bending, describe_changes, read_changes
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Rig
 from stages.science.rig.reference import describe_sources, exchange_pressures, read_sources, track
 from stages.science.rig.trial import Proposal
@@ -68,6 +70,15 @@ TRIALS = Table(
             "movements that pressures were taken from, as 'pam1 3, pam2 17'; empty: its own. With "
             "active_loop.exchange_pressures=true",
             optional=True,
+        ),
+        "bent_by": column(
+            str,
+            "coefficients of the cubic splines that were added to joints' references (rad) and muscles' pressure "
+            "commands (kPa); empty: none. With active_loop.bending.coefficients",
+            optional=True,
+        ),
+        "bent_utility": column(
+            float, "utility that bending was expected to add, as utility", nullable=True, optional=True
         ),
         "surprise": column(
             float,
@@ -167,10 +178,20 @@ class Until(BaseModel):
     gain_percent: Percent | None
 
 
+class BendingSettings(BaseModel):
+    """How chosen movements are bent: coefficients of each joint and muscle, and bent movements that are scored."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
+
+    coefficients: Annotated[int, Field(ge=4, le=100)] | None
+    evaluations: Annotated[int, Field(ge=2, le=100_000)]
+
+
 class ActiveLoop(DesignSettings):
     """Config group ``active_loop``."""
 
     exchange_pressures: bool
+    bending: BendingSettings
     controls: list[Utility] | None
     control_experiments: PositiveInt | None
     until: Until
@@ -307,13 +328,20 @@ def active_loop(
     rig: Rig = ctx.device
     arms = choose_arms(cfg.active_loop, rig.real)
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
-    if cfg.active_loop.exchange_pressures and rig.recorded:
-        raise ConfigError(
-            f"active_loop.exchange_pressures: expected false, as {type(rig).__name__} returns trials as they were once "
-            "recorded, and none has exchanged pressures; leave it out, or choose another rig"
-        )
+    section = cfg.active_loop
+    for key, wanted, changed in (
+        ("exchange_pressures", "false", section.exchange_pressures),
+        ("bending.coefficients", "null", section.bending.coefficients is not None),
+    ):
+        if changed and rig.recorded:
+            raise ConfigError(
+                f"active_loop.{key}: expected {wanted}, as {type(rig).__name__} returns trials as they were once "
+                "recorded, and none has other pressures or references; leave it out, or choose another rig"
+            )
     rig.check_bank(references, "trajectory")
     tasks = [] if task is None else muscles.inputs_of(task)
+    coefficients = section.bending.coefficients
+    bending = Bending.read(references, rig.exoskeleton, coefficients) if coefficients else None
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
     loops: dict[str, tuple[Loop]] = {}
     for (participant, experiment), initial in experiments:
@@ -325,7 +353,7 @@ def active_loop(
         for arm in arms if most is None or int(str(experiment)) <= most else arms[:1]:
             number = len(initial_trials) + len(loops) * cfg.active_loop.trials
             who = str(participant), int(str(experiment))
-            loop = Loop(cfg, ctx, muscles, tasks, references, start, used, *who, arm, number)
+            loop = Loop(cfg, ctx, muscles, tasks, references, bending, start, used, *who, arm, number)
             loops["{} experiment {} {}".format(*who, arm)] = (loop,)
     tables = ctx.land("experiments", Loop.run, loops)
     tables[TRIALS.name] = tell_ends(tables[TRIALS.name], cfg.active_loop)
@@ -341,7 +369,9 @@ def active_loop(
     pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
     groups = {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}
     ctx.figure(
-        "selected_interactions", draw_chosen_trials(chosen, gather_commands(chosen, references), groups), caption
+        "selected_interactions",
+        draw_chosen_trials(chosen, gather_commands(chosen, references, bending), groups),
+        caption,
     )
     if tasks:
         caption = (
@@ -367,12 +397,15 @@ def tell_ends(trials: pd.DataFrame, section: ActiveLoop) -> pd.DataFrame:
     return TRIALS.select(pd.DataFrame(columns))
 
 
-def gather_commands(chosen: pd.DataFrame, references: pd.DataFrame) -> pd.DataFrame:
+def gather_commands(chosen: pd.DataFrame, references: pd.DataFrame, bending: Bending | None) -> pd.DataFrame:
     """Return the references and pressure commands of chosen trials, with a column trial."""
     frames = []
     for row in chosen.to_dict("records"):
         sources = read_sources(row.get("pressures_from", ""))
-        frames.append(exchange_pressures(references, int(row["trajectory"]), sources).assign(trial=row["trial"]))
+        rows = exchange_pressures(references, int(row["trajectory"]), sources)
+        if bending is not None:
+            rows = bending.bend(rows, read_changes(row.get("bent_by", "")))
+        frames.append(rows.assign(trial=row["trial"]))
     return pd.concat(frames, ignore_index=True)
 
 
@@ -416,6 +449,7 @@ class Loop:
     muscles: MuscleSet
     tasks: list[Array]
     references: pd.DataFrame
+    bending: Bending | None
     start: pd.DataFrame
     initial: list[int]
     participant: str
@@ -483,7 +517,12 @@ class Loop:
         described: dict[str, Any] = describe_choice(choice, interaction, self.muscles)
         if self.cfg.active_loop.exchange_pressures:
             described["pressures_from"] = describe_sources(self.name_sources(choice))
-        samples = self.execute(choice, described, trial, landed, len(left), rig)
+        rows = exchange_pressures(self.references, described["trajectory"], self.name_sources(choice))
+        if self.bending is not None:
+            changes, gained = self.bend(rows, choice, interaction, trial, rig)
+            rows = self.bending.bend(rows, changes)
+            described |= {"bent_by": describe_changes(changes), "bent_utility": gained}
+        samples = self.execute(rows, choice, described, trial, landed, len(left), rig)
         usable = keep_usable(self.cfg.model.extend(samples, []))
         surprise = float(np.mean(ForceTest.read("trial", usable, self.muscles).error_rates(interaction.models)))
         told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(usable), self.starts(trial))
@@ -562,10 +601,29 @@ class Loop:
             self.ctx.generator("starts", self.participant, self.experiment, trial, name) for name in self.muscles.names
         ]
 
+    def bend(
+        self, rows: pd.DataFrame, choice: Choice, interaction: Interaction, trial: int, rig: Rig
+    ) -> tuple[dict[str, Array], float]:
+        """Return how a chosen movement is bent, and the utility that this adds; random ones are not."""
+        assert self.bending is not None
+        if choice.scores is None:
+            return {}, np.nan
+        search = Search(self.bending, rig.exoskeleton, self.muscles, self.cfg.model, interaction.weigh)
+        generator = self.ctx.generator("bending", self.participant, self.experiment, trial)
+        evaluations = self.cfg.active_loop.bending.evaluations
+        return search.run(rows, interaction.inputs_of(choice), evaluations, generator)
+
     def execute(
-        self, choice: Choice, described: dict[str, Any], trial: int, landed: Parts, left: int, rig: Rig
+        self,
+        rows: pd.DataFrame,
+        choice: Choice,
+        described: dict[str, Any],
+        trial: int,
+        landed: Parts,
+        left: int,
+        rig: Rig,
     ) -> pd.DataFrame:
-        """Execute the chosen trajectory; arms share the person's and the sensors' noise at equal trial number."""
+        """Execute the rows of a chosen trajectory; arms share the person's and the sensors' noise at equal trials."""
         label = f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}"
         generator = self.ctx.generator("rig", self.participant, self.experiment, trial)
         section, trajectories = self.cfg.active_loop, self.muscles.trajectories
@@ -583,7 +641,6 @@ class Loop:
         )
         watch = self.ctx.record.watch(self.key(trial))
         number = self.first + trial - 1
-        rows = exchange_pressures(self.references, trajectory, self.name_sources(choice))
         return track(rows, trajectory, rig, self.participant, label, generator, watch, number, proposal)
 
     def name_sources(self, choice: Choice) -> dict[str, int]:
@@ -621,6 +678,8 @@ def explain(described: dict[str, Any], arm: str) -> str:
     movement = f"movement {described['trajectory']} of the bank"
     if described.get("pressures_from"):
         movement += f" with pressures of other movements ({described['pressures_from']})"
+    if described.get("bent_by"):
+        movement += f", bent (utility + {described['bent_utility']:.3g})"
     if np.isnan(described["utility"]):
         return f"{movement}, drawn at random"
     told = f"{movement} tells most: utility {arm} {described['utility']:.4g}"

@@ -17,7 +17,9 @@ from stages.science.gp.integrated_variance import TaskVariance
 from stages.science.gp.kernel import Array
 from stages.science.gp.knowledge import Choice, Knowledge, Policy, check_muscles, check_trajectories
 from stages.science.gp.marginal import MarginalGP, condition, fit
+from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.subsample import Displace, check_count, subsample
+from stages.science.gp.task_gain import TaskGain
 from stages.science.gp.task_utilities import TASK_UTILITIES, task_utility
 
 SOURCE_TASK = 100
@@ -105,17 +107,30 @@ class Interaction(Knowledge):
 
         A `ValueError` says that there is no such trajectory, or no task.
         """
-        check_trajectories("trajectory: expected 0 to", [choice.trajectory, *choice.sources], self.candidates)
+        thinned, count = self._thin([each[None] for each in self.inputs_of(choice)])
         check_muscles(len(self.priors), self.tasks)
-        count = len(self.candidates[0])
-        exchanged = self.exchange([np.full(count, each) for each in choice.sources])
-        thinned, count = self._thin(exchanged)
         return np.array(
             [
-                TaskVariance(model, task).pick(inputs[choice.trajectory], count)[1]
+                TaskVariance(model, task).pick(inputs[0], count)[1]
                 for model, task, inputs in zip(self.models, self.tasks, thinned, strict=True)
             ]
         )
+
+    def weigh(self, muscle: int, inputs: Array) -> float:
+        """Return the utility of (T, D) inputs for one muscle, of which `ask` adds those of all muscles."""
+        design, trajectory = self.design, inputs[None]
+        if design.utility in TASK_UTILITIES:
+            (thinned,), count = self._thin([trajectory])
+            return float(self._gains[muscle].score(thinned, count)[0])
+        own = [self.models[muscle]]
+        return float(
+            trajectory_utility(own, [trajectory], design.utility, design.reduce, design.memory_mb, self.stride)[0]
+        )
+
+    @cached_property
+    def _gains(self) -> tuple[TaskGain, ...]:
+        gain = TASK_UTILITIES[self.design.utility]
+        return tuple(gain(model, task) for model, task in zip(self.models, self.tasks, strict=True))
 
     def tell(
         self,

@@ -189,6 +189,21 @@ class Knowledge(ABC):
             exchanged[-1][..., columns] = inputs[its][..., columns]
         return tuple(exchanged)
 
+    def inputs_of(self, choice: Choice) -> tuple[Array, ...]:
+        """Return each muscle's inputs (T, D) along a choice.
+
+        Raises
+        ------
+        ValueError
+            When there is no such trajectory.
+        """
+        check_trajectories("trajectory: expected 0 to", [choice.trajectory, *choice.sources], self.candidates)
+        chosen, columns = [each[choice.trajectory] for each in self.candidates], list(self.design.exchanged)
+        for place, source in enumerate(choice.sources):
+            chosen[place] = chosen[place].copy()
+            chosen[place][:, columns] = self.candidates[place][source][:, columns]
+        return tuple(chosen)
+
     def _find_sources(self) -> list[NDArray[np.intp]]:
         """Return the best source of exchanged inputs for each muscle and trajectory, (R,) each; none without.
 

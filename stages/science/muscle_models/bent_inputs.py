@@ -1,0 +1,172 @@
+"""Which way to bend a movement of the bank so that its execution tells more, by what models would see of it.
+
+A movement as it is commanded and as the bank recorded it flows in, and what samples of a muscle tell; the changes of
+its reference and pressure commands flow out. A joint's muscles are told by its angle and their own pressures alone, so
+that each joint is bent by itself. Force plays no part.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+import pandas as pd
+
+from stages.science.muscle_models.inputs import ModelSettings
+from stages.science.muscle_models.muscle_set import MuscleSet
+from stages.science.plant.exoskeleton import Exoskeleton, Muscle
+from stages.science.rig.bending import Bending, round_coefficients
+from stages.science.signals.scaling import MODEL_INPUTS, Scaling
+from stages.science.signals.trajectories import Array
+
+PRESSURE, CONTRACTION, VELOCITY = MODEL_INPUTS
+FIRST_STEP = 0.2
+"""First steps of the search over the bank's range, 1; Rechenberg's rule adapts them."""
+GROWTH = 1.5
+"""By which a step grows where a change tells more; it shrinks by the fourth root where not: one in five is to tell more
+(Rechenberg, Evolutionsstrategie, 1973)."""
+
+Weigh = Callable[[int, Array], float]
+"""What a muscle's model, by its place, would learn from a movement's standardised inputs (n, D)."""
+
+
+@dataclass(frozen=True)
+class Movement:
+    """A muscle in a movement of the bank: its command (T,), kPa, and standardised inputs (n, D) as recorded.
+
+    The inputs are of each so-many-th sample, and samples are `step_s` apart; the model says what they are.
+    """
+
+    muscle: Muscle
+    command_kpa: Array
+    scaling: Scaling
+    recorded: Array
+    step_s: float
+    model: ModelSettings
+
+    def foresee(self, change_rad: Array, command_kpa: Array) -> Array:
+        """Return the inputs (n, D) with the joint's reference changed (T,), rad, under another command (T,), kPa.
+
+        Joint and pressure are taken to follow what is changed at once.
+        """
+        every = -(-len(self.command_kpa) // len(self.recorded))
+        step_s = every * self.step_s
+        old = dict(zip(self.scaling.inputs, self.scaling.restore_inputs(self.recorded).T, strict=True))
+        contracted = self.muscle.contraction_per_rad * change_rad[::every]
+        new = old | {
+            PRESSURE: old[PRESSURE] + (command_kpa - self.command_kpa)[::every],
+            CONTRACTION: old[CONTRACTION] + contracted,
+            VELOCITY: old[VELOCITY] + np.gradient(contracted, step_s),
+        }
+        for each in self.model.features:
+            if each.follow is not None:
+                before, after = (each.follow(its, step_s, self.model.constants) for its in (old, new))
+                new[each.column] = old[each.column] + after - before
+        restored = np.stack([new[name] for name in self.scaling.inputs], axis=1)
+        return (restored - self.scaling.input_centre) / self.scaling.input_scale
+
+
+@dataclass
+class _Part:
+    """A joint's angle, rad, or a muscle's pressure, kPa: its change (K,), and how far the search steps from it."""
+
+    change: Array
+    step: float
+
+    def draw(self, generator: np.random.Generator) -> Array:
+        return round_coefficients(self.change + self.step * generator.standard_normal(self.change.size))
+
+    def judge(self, better: bool) -> None:
+        self.step *= GROWTH if better else GROWTH**-0.25
+
+
+@dataclass(frozen=True)
+class Search:
+    """A (1+1) evolution strategy for each joint: its reference and its muscles' pressures are changed in turn.
+
+    Each muscle's pressure is changed by itself. Of two changes that tell the same the first one is kept.
+    """
+
+    bending: Bending
+    exoskeleton: Exoskeleton
+    muscles: MuscleSet
+    model: ModelSettings
+    weigh: Weigh
+
+    def run(
+        self, rows: pd.DataFrame, recorded: Sequence[Array], evaluations: int, generator: np.random.Generator
+    ) -> tuple[dict[str, Array], float]:
+        """Return the changes of a movement, and the utility that they add.
+
+        Parameters
+        ----------
+        rows : DataFrame
+            References and commands of the movement, as of `track`.
+        recorded : sequence over M muscles of (n, D) float arrays
+            Standardised inputs of every so-many-th sample, as the bank recorded them.
+        evaluations : int
+            Bent movements that are scored.
+        generator : Generator
+            Draws what is tried.
+        """
+        changes: dict[str, Array] = {}
+        gained = 0.0
+        for joint in self.exoskeleton.joint_names:
+            muscles = [each for each in self.exoskeleton.muscles if each.joint == joint]
+            places = [self.muscles.names.index(each.name) for each in muscles]
+            moved = [
+                Movement(
+                    each,
+                    rows.loc[rows["muscle"] == each.name, "pressure_command_kpa"].to_numpy(),
+                    self.muscles.scalings[place],
+                    recorded[place],
+                    1.0 / self.exoskeleton.sampling_rate_hz,
+                    self.model,
+                )
+                for each, place in zip(muscles, places, strict=True)
+            ]
+            angle = rows.loc[rows["muscle"] == muscles[0].name, "joint_angle_rad"].to_numpy()
+            its, more = self._bend_joint(joint, angle, moved, places, evaluations, generator)
+            changes |= its
+            gained += more
+        return changes, gained
+
+    def _bend_joint(
+        self,
+        joint: str,
+        angle_rad: Array,
+        moved: Sequence[Movement],
+        places: Sequence[int],
+        evaluations: int,
+        generator: np.random.Generator,
+    ) -> tuple[dict[str, Array], float]:
+        def begin(name: str) -> _Part:
+            return _Part(np.zeros(self.bending.coefficients), FIRST_STEP * self.bending.bounds[name].span)
+
+        def score(number: int, angle: Array, command: Array) -> float:
+            return self.weigh(places[number], moved[number].foresee(angle - angle_rad, command))
+
+        names = [each.muscle.name for each in moved]
+        reference, pressures = begin(joint), [begin(name) for name in names]
+        bent_rad, commands = angle_rad, [each.command_kpa for each in moved]
+        told = [score(number, bent_rad, command) for number, command in enumerate(commands)]
+        begun = sum(told)
+        for turn in range(1, evaluations):
+            if turn % 2:
+                change = reference.draw(generator)
+                angle = self.bending.bend_angle(joint, angle_rad, change)
+                its = [score(number, angle, command) for number, command in enumerate(commands)]
+                reference.judge(sum(its) > sum(told))
+                if sum(its) > sum(told):
+                    reference.change, bent_rad, told = change, angle, its
+                continue
+            for number, (part, own) in enumerate(zip(pressures, moved, strict=True)):
+                change = part.draw(generator)
+                command = self.bending.bend_command(names[number], own.command_kpa, change)
+                more = score(number, bent_rad, command)
+                part.judge(more > told[number])
+                if more > told[number]:
+                    part.change, told[number], commands[number] = change, more, command
+        changes = {joint: reference.change} | {name: each.change for name, each in zip(names, pressures, strict=True)}
+        return {name: each for name, each in changes.items() if each.any()}, sum(told) - begun
