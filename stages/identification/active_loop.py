@@ -39,10 +39,11 @@ from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import keep_usable, spread_evenly, take
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.attendance import TrialDeclined
-from stages.science.rig.bending import Bending, describe_changes, read_changes
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Rig
+from stages.science.rig.limits import speed_samples
 from stages.science.rig.reference import describe_sources, exchange_pressures, read_sources, track
 from stages.science.rig.trial import Proposal
+from stages.science.signals.bending import Bending, describe_changes, read_changes
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
 
 WHERE = {
@@ -341,7 +342,11 @@ def active_loop(
     rig.check_bank(references, "trajectory")
     tasks = [] if task is None else muscles.inputs_of(task)
     coefficients = section.bending.coefficients
-    bending = Bending.read(references, rig.exoskeleton, coefficients) if coefficients else None
+    bending = None
+    if coefficients is not None:
+        joints = dict(zip(rig.muscles, rig.muscle_joints, strict=True))
+        window = speed_samples(rig.sampling_rate_hz)
+        bending = Bending.read(references, joints, rig.samples, window, coefficients)
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
     loops: dict[str, tuple[Loop]] = {}
     for (participant, experiment), initial in experiments:
@@ -608,7 +613,9 @@ class Loop:
         assert self.bending is not None
         if choice.scores is None:
             return {}, np.nan
-        search = Search(self.bending, rig.exoskeleton, self.muscles, self.cfg.model, interaction.weigh)
+        per_rad = {each.name: each.contraction_per_rad for each in rig.exoskeleton.muscles}
+        known = self.muscles, self.cfg.model, interaction.weigh
+        search = Search(self.bending, per_rad, rig.sampling_rate_hz, *known)
         generator = self.ctx.generator("bending", self.participant, self.experiment, trial)
         evaluations = self.cfg.active_loop.bending.evaluations
         return search.run(rows, interaction.inputs_of(choice), evaluations, generator)

@@ -20,8 +20,8 @@ from stages.science.rig.contract import RECORDING_COLUMNS, Rig, tidy
 from stages.science.rig.pacing import measure_pace
 from stages.science.rig.passive_trials import passive_trial
 from stages.science.rig.reference import tracked_trial
-from stages.science.rig.rows import leave_out_lead_in
 from stages.science.rig.trial import Proposal
+from stages.science.signals.lead_in import leave_out_lead_in
 
 NOBODY = "nobody"
 """Who is in a passive trial; no participant has this name."""

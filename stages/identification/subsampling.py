@@ -18,7 +18,7 @@ from stages.science.muscle_models.loop_settings import Movements
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.participant import Participant
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS
-from stages.science.rig.rows import leave_out_lead_in
+from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.scaling import MODEL_INPUTS
 
 TRAJECTORY = column(int, "movement of the bank", low=0)

@@ -23,8 +23,8 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, RECORDING_COLUMNS, Rig
 from stages.science.rig.excitation import FreeMovements, RigWithLimits, check_levels
-from stages.science.rig.rows import leave_out_lead_in
 from stages.science.rig.trial import Proposal
+from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.scaling import MODEL_INPUTS
 
 TASK = Table(

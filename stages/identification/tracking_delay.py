@@ -17,7 +17,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.rows import leave_out_lead_in
+from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.measures import find_delay
 
 INITIAL = "initial"

@@ -35,7 +35,7 @@ from stages.science.muscle_models.inputs import MeasuredInputs
 from stages.science.muscle_models.linear_muscle import LinearMuscleModel
 from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.muscle_models.samples import list_tests
-from stages.science.rig.rows import leave_out_lead_in
+from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
 from stages.science.statistics.groups import compare_groups

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from stages.science.rig.rows import leave_out_lead_in
+from stages.science.signals.lead_in import leave_out_lead_in
 from tests.studies import assert_refused, read_stages, run_stage
 
 BOTH = ["bank", "unseen_bank"]

@@ -11,8 +11,8 @@ from pipeline.context import Context
 from stages.science.rig.contract import RECORDING_COLUMNS, tidy
 from stages.science.rig.manual import ManualRig, TrialRequested
 from stages.science.rig.passive_trials import passive_trial
-from stages.science.rig.rows import leave_out_lead_in
 from stages.science.rig.sim import SimulatedRig
+from stages.science.signals.lead_in import leave_out_lead_in
 from tests.science.rig.test_manual import execute_by_hand
 from tests.studies import read_stages, run_stage
 

@@ -5,7 +5,7 @@ import pandas as pd
 import pytest
 
 from pipeline.errors import ConfigError
-from stages.science.rig.rows import leave_out_lead_in
+from stages.science.signals.lead_in import leave_out_lead_in
 from tests.studies import assert_refused, read_stages, run_stage
 
 CHAIN = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "comparison"]

@@ -7,7 +7,7 @@ that each joint is bent by itself. Force plays no part.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -15,8 +15,7 @@ import pandas as pd
 
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import MuscleSet
-from stages.science.plant.exoskeleton import Exoskeleton, Muscle
-from stages.science.rig.bending import Bending, round_coefficients
+from stages.science.signals.bending import Bending, round_coefficients
 from stages.science.signals.scaling import MODEL_INPUTS, Scaling
 from stages.science.signals.trajectories import Array
 
@@ -38,7 +37,7 @@ class Movement:
     The inputs are of each so-many-th sample, and samples are `step_s` apart; the model says what they are.
     """
 
-    muscle: Muscle
+    contraction_per_rad: float
     command_kpa: Array
     scaling: Scaling
     recorded: Array
@@ -53,7 +52,7 @@ class Movement:
         every = -(-len(self.command_kpa) // len(self.recorded))
         step_s = every * self.step_s
         old = dict(zip(self.scaling.inputs, self.scaling.restore_inputs(self.recorded).T, strict=True))
-        contracted = self.muscle.contraction_per_rad * change_rad[::every]
+        contracted = self.contraction_per_rad * change_rad[::every]
         new = old | {
             PRESSURE: old[PRESSURE] + (command_kpa - self.command_kpa)[::every],
             CONTRACTION: old[CONTRACTION] + contracted,
@@ -89,7 +88,8 @@ class Search:
     """
 
     bending: Bending
-    exoskeleton: Exoskeleton
+    contraction_per_rad: Mapping[str, float]
+    sampling_rate_hz: float
     muscles: MuscleSet
     model: ModelSettings
     weigh: Weigh
@@ -112,22 +112,21 @@ class Search:
         """
         changes: dict[str, Array] = {}
         gained = 0.0
-        for joint in self.exoskeleton.joint_names:
-            muscles = [each for each in self.exoskeleton.muscles if each.joint == joint]
-            places = [self.muscles.names.index(each.name) for each in muscles]
-            moved = [
-                Movement(
-                    each,
-                    rows.loc[rows["muscle"] == each.name, "pressure_command_kpa"].to_numpy(),
+        for joint in dict.fromkeys(self.bending.joints.values()):
+            names = [name for name, its in self.bending.joints.items() if its == joint]
+            moved = {
+                name: Movement(
+                    self.contraction_per_rad[name],
+                    rows.loc[rows["muscle"] == name, "pressure_command_kpa"].to_numpy(),
                     self.muscles.scalings[place],
                     recorded[place],
-                    1.0 / self.exoskeleton.sampling_rate_hz,
+                    1.0 / self.sampling_rate_hz,
                     self.model,
                 )
-                for each, place in zip(muscles, places, strict=True)
-            ]
-            angle = rows.loc[rows["muscle"] == muscles[0].name, "joint_angle_rad"].to_numpy()
-            its, more = self._bend_joint(joint, angle, moved, places, evaluations, generator)
+                for name, place in zip(names, map(self.muscles.names.index, names), strict=True)
+            }
+            angle = rows.loc[rows["muscle"] == names[0], "joint_angle_rad"].to_numpy()
+            its, more = self._bend_joint(joint, angle, moved, evaluations, generator)
             changes |= its
             gained += more
         return changes, gained
@@ -136,37 +135,36 @@ class Search:
         self,
         joint: str,
         angle_rad: Array,
-        moved: Sequence[Movement],
-        places: Sequence[int],
+        moved: Mapping[str, Movement],
         evaluations: int,
         generator: np.random.Generator,
     ) -> tuple[dict[str, Array], float]:
         def begin(name: str) -> _Part:
             return _Part(np.zeros(self.bending.coefficients), FIRST_STEP * self.bending.bounds[name].span)
 
-        def score(number: int, angle: Array, command: Array) -> float:
-            return self.weigh(places[number], moved[number].foresee(angle - angle_rad, command))
+        def score(name: str, angle: Array, command: Array) -> float:
+            return self.weigh(self.muscles.names.index(name), moved[name].foresee(angle - angle_rad, command))
 
-        names = [each.muscle.name for each in moved]
-        reference, pressures = begin(joint), [begin(name) for name in names]
-        bent_rad, commands = angle_rad, [each.command_kpa for each in moved]
-        told = [score(number, bent_rad, command) for number, command in enumerate(commands)]
-        begun = sum(told)
+        reference, pressures = begin(joint), {name: begin(name) for name in moved}
+        bent_rad, commands = angle_rad, {name: each.command_kpa for name, each in moved.items()}
+        told = {name: score(name, bent_rad, command) for name, command in commands.items()}
+        begun = sum(told.values())
         for turn in range(1, evaluations):
             if turn % 2:
                 change = reference.draw(generator)
                 angle = self.bending.bend_angle(joint, angle_rad, change)
-                its = [score(number, angle, command) for number, command in enumerate(commands)]
-                reference.judge(sum(its) > sum(told))
-                if sum(its) > sum(told):
+                its = {name: score(name, angle, command) for name, command in commands.items()}
+                better = sum(its.values()) > sum(told.values())
+                reference.judge(better)
+                if better:
                     reference.change, bent_rad, told = change, angle, its
                 continue
-            for number, (part, own) in enumerate(zip(pressures, moved, strict=True)):
+            for name, part in pressures.items():
                 change = part.draw(generator)
-                command = self.bending.bend_command(names[number], own.command_kpa, change)
-                more = score(number, bent_rad, command)
-                part.judge(more > told[number])
-                if more > told[number]:
-                    part.change, told[number], commands[number] = change, more, command
-        changes = {joint: reference.change} | {name: each.change for name, each in zip(names, pressures, strict=True)}
-        return {name: each for name, each in changes.items() if each.any()}, sum(told) - begun
+                command = self.bending.bend_command(name, moved[name].command_kpa, change)
+                more = score(name, bent_rad, command)
+                part.judge(more > told[name])
+                if more > told[name]:
+                    part.change, told[name], commands[name] = change, more, command
+        changes = {joint: reference.change} | {name: each.change for name, each in pressures.items()}
+        return {name: each for name, each in changes.items() if each.any()}, sum(told.values()) - begun

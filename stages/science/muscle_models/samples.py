@@ -7,7 +7,7 @@ import pandas as pd
 from numpy.typing import NDArray
 
 from stages.science.muscle_models.inputs import FEATURE_COLUMNS, ModelSettings
-from stages.science.rig.rows import leave_out_lead_in
+from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
 TAKEN = ["muscle", "pick", "time_s", *MODEL_INPUTS, MODEL_OUTPUT, *FEATURE_COLUMNS]

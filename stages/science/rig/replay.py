@@ -28,8 +28,9 @@ from stages.science.recording.plausibility import check_readings
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, Rig, RigError, Watch
 from stages.science.rig.placement import READINGS, keep, resample
 from stages.science.rig.reference import arrange
-from stages.science.rig.rows import PUNCTUAL, assume_conduct, check_values, gather, leave_out_lead_in
+from stages.science.rig.rows import PUNCTUAL, assume_conduct, check_values, gather
 from stages.science.rig.trial import Recording, Trial
+from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.trajectories import Array
 
 Kind = Literal["free", "tracked", "passive"]

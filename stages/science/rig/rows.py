@@ -22,11 +22,6 @@ PUNCTUAL: dict[str, Any] = {
 """How samples were taken, of which a file need not tell."""
 
 
-def leave_out_lead_in(recordings: pd.DataFrame) -> pd.DataFrame:
-    """Return the rows of trials without those of their lead-ins, in which muscles were filled: times below 0."""
-    return recordings[recordings["time_s"] >= 0.0].reset_index(drop=True)
-
-
 def assume_conduct(frame: pd.DataFrame) -> pd.DataFrame:
     """Return rows that are punctual, as measured and applied as asked, where a file does not tell."""
     told = frame.assign(**{name: value for name, value in PUNCTUAL.items() if name not in frame})

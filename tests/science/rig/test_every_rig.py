@@ -12,8 +12,8 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import RECORDING_COLUMNS, RigError, tidy
 from stages.science.rig.reference import exchange_pressures, track, tracked_trial
 from stages.science.rig.replay import ReplayRig
-from stages.science.rig.rows import leave_out_lead_in
 from stages.science.rig.trial import CLIPPED_BY, STATUS, Trial
+from stages.science.signals.lead_in import leave_out_lead_in
 from tests.cpx_e.rig import describe_rig, emulate_rig
 from tests.science.plant.machines import other_rig
 from tests.science.rig.test_replay import replay

@@ -13,8 +13,6 @@ import pandas as pd
 from numba import njit
 from scipy.interpolate import BSpline
 
-from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.limits import speed_samples
 from stages.science.signals.trajectories import Array
 
 DEGREE = 3
@@ -51,22 +49,24 @@ class Bending:
     speed_samples: int
 
     @classmethod
-    def read(cls, references: pd.DataFrame, exoskeleton: Exoskeleton, coefficients: int) -> Self:
-        """Take bounds from a bank's references, as of `track`; K coefficients are at least four.
+    def read(
+        cls, references: pd.DataFrame, joints: Mapping[str, str], samples: int, speed_samples: int, coefficients: int
+    ) -> Self:
+        """Take bounds from a bank of trials of T samples, and make K splines, at least four.
 
-        Speeds are measured over the time of the rigs' limits.
+        References are rows of all movements, as a trial replays them: trajectory, muscle, in the order of time,
+        pressure_command_kpa, and joint_angle_rad of its joint, whose speed is measured over so many samples.
         """
-        window, bounds = speed_samples(exoskeleton.sampling_rate_hz), {}
-        joints = {muscle.name: muscle.joint for muscle in exoskeleton.muscles}
+        bounds = {}
         for muscle, joint in joints.items():
             rows = references[references["muscle"] == muscle]
-            for name, column, lag in ((joint, "joint_angle_rad", window), (muscle, "pressure_command_kpa", 1)):
+            for name, column, lag in ((joint, "joint_angle_rad", speed_samples), (muscle, "pressure_command_kpa", 1)):
                 steps = rows.groupby("trajectory", sort=False)[column].diff(lag).abs() / lag
                 bounds[name] = Bounds(float(rows[column].min()), float(rows[column].max()), float(steps.max()))
         inner = np.linspace(0.0, 1.0, coefficients - DEGREE + 1)
         knots = np.concatenate([np.zeros(DEGREE), inner, np.ones(DEGREE)])
-        time = np.linspace(0.0, 1.0, exoskeleton.samples)
-        return cls(BSpline.design_matrix(time, knots, DEGREE).toarray(), bounds, joints, window)
+        splines = BSpline.design_matrix(np.linspace(0.0, 1.0, samples), knots, DEGREE).toarray()
+        return cls(splines, bounds, joints, speed_samples)
 
     @property
     def coefficients(self) -> int:
