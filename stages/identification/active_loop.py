@@ -330,23 +330,17 @@ def active_loop(
     arms = choose_arms(cfg.active_loop, rig.real)
     check_budget(cfg.active_loop, len(muscles.trajectories), int(initial_trials["position"].max()))
     section = cfg.active_loop
-    for key, wanted, changed in (
-        ("exchange_pressures", "false", section.exchange_pressures),
-        ("bending.coefficients", "null", section.bending.coefficients is not None),
-    ):
-        if changed and rig.recorded:
-            raise ConfigError(
-                f"active_loop.{key}: expected {wanted}, as {type(rig).__name__} returns trials as they were once "
-                "recorded, and none has other pressures or references; leave it out, or choose another rig"
-            )
+    if section.exchange_pressures and rig.recorded:
+        raise ConfigError(
+            f"active_loop.exchange_pressures: expected false, as {type(rig).__name__} returns trials as they were once "
+            "recorded, and none has exchanged pressures; leave it out, or choose another rig"
+        )
     rig.check_bank(references, "trajectory")
     tasks = [] if task is None else muscles.inputs_of(task)
-    coefficients = section.bending.coefficients
     bending = None
-    if coefficients is not None:
+    if section.bending.coefficients is not None and not rig.recorded:
         joints = dict(zip(rig.muscles, rig.muscle_joints, strict=True))
-        window = speed_samples(rig.sampling_rate_hz)
-        bending = Bending.read(references, joints, rig.samples, window, coefficients)
+        bending = Bending.read(references, joints, rig.samples, speed_samples(rig.sampling_rate_hz))
     experiments = initial_trials.groupby(["participant", "experiment"], sort=False)
     loops: dict[str, tuple[Loop]] = {}
     for (participant, experiment), initial in experiments:
@@ -610,15 +604,15 @@ class Loop:
         self, rows: pd.DataFrame, choice: Choice, interaction: Interaction, trial: int, rig: Rig
     ) -> tuple[dict[str, Array], float]:
         """Return how a chosen movement is bent, and the utility that this adds; random ones are not."""
-        assert self.bending is not None
+        section = self.cfg.active_loop.bending
+        assert self.bending is not None and section.coefficients is not None
         if choice.scores is None:
             return {}, np.nan
         per_rad = {each.name: each.contraction_per_rad for each in rig.exoskeleton.muscles}
         known = self.muscles, self.cfg.model, interaction.weigh
         search = Search(self.bending, per_rad, rig.sampling_rate_hz, *known)
         generator = self.ctx.generator("bending", self.participant, self.experiment, trial)
-        evaluations = self.cfg.active_loop.bending.evaluations
-        return search.run(rows, interaction.inputs_of(choice), evaluations, generator)
+        return search.run(rows, interaction.inputs_of(choice), section.coefficients, section.evaluations, generator)
 
     def execute(
         self,

@@ -17,6 +17,8 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.rig.limits import speed_samples
+from stages.science.signals.bending import Bending, read_changes
 from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.measures import find_delay
 
@@ -69,10 +71,11 @@ def tracking_delay(
     ctx: Context,
 ) -> pd.DataFrame:
     """Say how late people follow references, and how much of that is the screen's."""
-    initial = hardware_recordings.rename(columns={"position": "trial"}).assign(arm=INITIAL)
+    initial = hardware_recordings.rename(columns={"position": "trial"}).assign(arm=INITIAL, bent_by="")
     where = ["participant", "experiment", "arm", "trial"]
-    designed = active_recordings.merge(trials[[*where, "trajectory"]], on=where)
-    columns = [*where, "trajectory", "time_s", "muscle", "joint_angle_rad", "reference_shown_s"]
+    chosen = trials.assign(bent_by=trials.get("bent_by", ""))[[*where, "trajectory", "bent_by"]]
+    designed = active_recordings.merge(chosen, on=where)
+    columns = [*where, "trajectory", "bent_by", "time_s", "muscle", "joint_angle_rad", "reference_shown_s"]
     recordings = leave_out_lead_in(pd.concat([initial[columns], designed[columns]]))
     # of each joint, a muscle whose rows tell its angle
     muscles = {muscle.joint: muscle.name for muscle in reversed(cfg.exoskeleton.muscles)}
@@ -87,11 +90,15 @@ def measure(
     """Yield a joint's row for each trial."""
     shown = references[references["muscle"] == muscle].groupby("trajectory")["joint_angle_rad"]
     reference = {int(str(trajectory)): its.to_numpy() for trajectory, its in shown}
-    where = ["participant", "experiment", "arm", "trial", "trajectory"]
+    where = ["participant", "experiment", "arm", "trial", "trajectory", "bent_by"]
+    joints = {each.name: each.joint for each in cfg.exoskeleton.muscles}
+    window = speed_samples(cfg.exoskeleton.sampling_rate_hz)
+    bending = Bending.read(references, joints, cfg.exoskeleton.samples, window)
     rate_hz, longest_s = cfg.exoskeleton.sampling_rate_hz, cfg.tracking_delay.longest_s
     for key, its in recordings[recordings["muscle"] == muscle].groupby(where, sort=False):
-        *trial, trajectory = key
-        due = reference[int(str(trajectory))]
+        *trial, trajectory, bent_by = key
+        due, change = reference[int(str(trajectory))], read_changes(str(bent_by)).get(joint)
+        due = due if change is None else bending.bend_angle(joint, due, change)
         count = min(len(its), len(due))
         followed = its["joint_angle_rad"].to_numpy()[:count]
         delay_s = find_delay(due[:count], followed, rate_hz, longest_s)

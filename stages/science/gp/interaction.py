@@ -23,7 +23,8 @@ from stages.science.gp.task_gain import TaskGain
 from stages.science.gp.task_utilities import TASK_UTILITIES, task_utility
 
 SOURCE_TASK = 100
-"""Task inputs, about, over which sources of exchanged inputs are compared; the best ones are scored over all."""
+"""Task inputs, about, over which sources of exchanged inputs are compared, and bent movements; bank movements are
+scored over all."""
 
 
 @dataclass(frozen=True)
@@ -99,8 +100,7 @@ class Interaction(Knowledge):
     def _score_muscle(self, muscle: int, inputs: Array) -> Array:
         if self.design.utility not in TASK_UTILITIES:
             return super()._score_muscle(muscle, inputs)
-        task = self.tasks[muscle][:: max(1, len(self.tasks[muscle]) // SOURCE_TASK)]
-        return TASK_UTILITIES[self.design.utility](self.models[muscle], task).gain(inputs)
+        return self._gains[muscle].gain(inputs)
 
     def foresee(self, choice: Choice) -> Array:
         """Return what the best samples of a choice would take from each muscle's mean variance over its task, (M,).
@@ -117,7 +117,7 @@ class Interaction(Knowledge):
         )
 
     def weigh(self, muscle: int, inputs: Array) -> float:
-        """Return the utility of (T, D) inputs for one muscle, of which `ask` adds those of all muscles."""
+        """Return the utility of (T, D) inputs for one muscle, for about `SOURCE_TASK` inputs of its task."""
         design, trajectory = self.design, inputs[None]
         if design.utility in TASK_UTILITIES:
             (thinned,), count = self._thin([trajectory])
@@ -130,7 +130,7 @@ class Interaction(Knowledge):
     @cached_property
     def _gains(self) -> tuple[TaskGain, ...]:
         gain = TASK_UTILITIES[self.design.utility]
-        return tuple(gain(model, task) for model, task in zip(self.models, self.tasks, strict=True))
+        return tuple(gain(*each) for each in zip(self.models, map(_thin_task, self.tasks), strict=True))
 
     def tell(
         self,
@@ -188,3 +188,7 @@ class Interaction(Knowledge):
         for row in generator.choice(len(x), count, replace=False):
             taken.append(int(row) if displace is None else displace(int(row), taken))
         return np.array(taken, dtype=np.intp)
+
+
+def _thin_task(task: Array) -> Array:
+    return task[:: max(1, len(task) // SOURCE_TASK)]

@@ -9,6 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 import pandas as pd
@@ -49,21 +50,35 @@ class Movement:
 
         Joint and pressure are taken to follow what is changed at once.
         """
-        every = -(-len(self.command_kpa) // len(self.recorded))
-        step_s = every * self.step_s
-        old = dict(zip(self.scaling.inputs, self.scaling.restore_inputs(self.recorded).T, strict=True))
-        contracted = self.contraction_per_rad * change_rad[::every]
+        old, contracted = self._own, self.contraction_per_rad * change_rad[:: self._every]
         new = old | {
-            PRESSURE: old[PRESSURE] + (command_kpa - self.command_kpa)[::every],
+            PRESSURE: old[PRESSURE] + (command_kpa - self.command_kpa)[:: self._every],
             CONTRACTION: old[CONTRACTION] + contracted,
-            VELOCITY: old[VELOCITY] + np.gradient(contracted, step_s),
+            VELOCITY: old[VELOCITY] + np.gradient(contracted, self._step_s),
         }
-        for each in self.model.features:
-            if each.follow is not None:
-                before, after = (each.follow(its, step_s, self.model.constants) for its in (old, new))
-                new[each.column] = old[each.column] + after - before
+        new |= {name: old[name] + each - self._followed[name] for name, each in self._follow(new).items()}
         restored = np.stack([new[name] for name in self.scaling.inputs], axis=1)
         return (restored - self.scaling.input_centre) / self.scaling.input_scale
+
+    @property
+    def _every(self) -> int:
+        return -(-len(self.command_kpa) // len(self.recorded))
+
+    @property
+    def _step_s(self) -> float:
+        return self._every * self.step_s
+
+    @cached_property
+    def _own(self) -> dict[str, Array]:
+        return dict(zip(self.scaling.inputs, self.scaling.restore_inputs(self.recorded).T, strict=True))
+
+    @cached_property
+    def _followed(self) -> dict[str, Array]:
+        return self._follow(self._own)
+
+    def _follow(self, signals: Mapping[str, Array]) -> dict[str, Array]:
+        asked = [(each.column, each.follow) for each in self.model.features if each.follow is not None]
+        return {name: follow(signals, self._step_s, self.model.constants) for name, follow in asked}
 
 
 @dataclass
@@ -95,7 +110,12 @@ class Search:
     weigh: Weigh
 
     def run(
-        self, rows: pd.DataFrame, recorded: Sequence[Array], evaluations: int, generator: np.random.Generator
+        self,
+        rows: pd.DataFrame,
+        recorded: Sequence[Array],
+        coefficients: int,
+        evaluations: int,
+        generator: np.random.Generator,
     ) -> tuple[dict[str, Array], float]:
         """Return the changes of a movement, and the utility that they add.
 
@@ -105,8 +125,8 @@ class Search:
             References and commands of the movement, as of `track`.
         recorded : sequence over M muscles of (n, D) float arrays
             Standardised inputs of every so-many-th sample, as the bank recorded them.
-        evaluations : int
-            Bent movements that are scored.
+        coefficients, evaluations : int
+            Of each joint and muscle, at least four; bent movements that are scored.
         generator : Generator
             Draws what is tried.
         """
@@ -126,7 +146,7 @@ class Search:
                 for name, place in zip(names, map(self.muscles.names.index, names), strict=True)
             }
             angle = rows.loc[rows["muscle"] == names[0], "joint_angle_rad"].to_numpy()
-            its, more = self._bend_joint(joint, angle, moved, evaluations, generator)
+            its, more = self._bend_joint(joint, angle, moved, coefficients, evaluations, generator)
             changes |= its
             gained += more
         return changes, gained
@@ -136,11 +156,12 @@ class Search:
         joint: str,
         angle_rad: Array,
         moved: Mapping[str, Movement],
+        coefficients: int,
         evaluations: int,
         generator: np.random.Generator,
     ) -> tuple[dict[str, Array], float]:
         def begin(name: str) -> _Part:
-            return _Part(np.zeros(self.bending.coefficients), FIRST_STEP * self.bending.bounds[name].span)
+            return _Part(np.zeros(coefficients), FIRST_STEP * self.bending.bounds[name].span)
 
         def score(name: str, angle: Array, command: Array) -> float:
             return self.weigh(self.muscles.names.index(name), moved[name].foresee(angle - angle_rad, command))

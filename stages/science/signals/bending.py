@@ -6,6 +6,7 @@ no angle, speed, pressure or rate takes beyond those of the bank.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import Self
 
 import numpy as np
@@ -40,22 +41,21 @@ class Bounds:
 
 @dataclass(frozen=True)
 class Bending:
-    """How movements of a bank may be bent: (T, K) splines of a trial, and bounds by joint and by muscle."""
+    """How movements of a bank may be bent: bounds by joint and by muscle, the joint of each muscle, and T samples.
 
-    splines: Array
+    A joint's speed is measured over `speed_samples`.
+    """
+
     bounds: Mapping[str, Bounds]
     joints: Mapping[str, str]
-    """Joint by muscle."""
+    samples: int
     speed_samples: int
 
     @classmethod
-    def read(
-        cls, references: pd.DataFrame, joints: Mapping[str, str], samples: int, speed_samples: int, coefficients: int
-    ) -> Self:
-        """Take bounds from a bank of trials of T samples, and make K splines, at least four.
+    def read(cls, references: pd.DataFrame, joints: Mapping[str, str], samples: int, speed_samples: int) -> Self:
+        """Take bounds from the rows of all movements, as a trial replays them.
 
-        References are rows of all movements, as a trial replays them: trajectory, muscle, in the order of time,
-        pressure_command_kpa, and joint_angle_rad of its joint, whose speed is measured over so many samples.
+        Their columns are trajectory, muscle, pressure_command_kpa, and joint_angle_rad of the muscle's joint.
         """
         bounds = {}
         for muscle, joint in joints.items():
@@ -63,19 +63,11 @@ class Bending:
             for name, column, lag in ((joint, "joint_angle_rad", speed_samples), (muscle, "pressure_command_kpa", 1)):
                 steps = rows.groupby("trajectory", sort=False)[column].diff(lag).abs() / lag
                 bounds[name] = Bounds(float(rows[column].min()), float(rows[column].max()), float(steps.max()))
-        inner = np.linspace(0.0, 1.0, coefficients - DEGREE + 1)
-        knots = np.concatenate([np.zeros(DEGREE), inner, np.ones(DEGREE)])
-        splines = BSpline.design_matrix(np.linspace(0.0, 1.0, samples), knots, DEGREE).toarray()
-        return cls(splines, bounds, joints, speed_samples)
-
-    @property
-    def coefficients(self) -> int:
-        """Coefficients of each joint and muscle."""
-        return int(self.splines.shape[1])
+        return cls(bounds, joints, samples, speed_samples)
 
     def bend_angle(self, joint: str, angle_rad: Array, change: Array) -> Array:
         """Return a joint's reference (T,), rad, with as much of a change (K,), rad, as stays within its bounds."""
-        bound, added = self.bounds[joint], self.splines @ change
+        bound, added = self.bounds[joint], self._add_up(change)
         lag, rounding = self.speed_samples, 1e-12
         limits = [
             (angle_rad, added, min(bound.low, angle_rad.min()), max(bound.high, angle_rad.max())),
@@ -91,7 +83,7 @@ class Bending:
     def bend_command(self, muscle: str, command_kpa: Array, change: Array) -> Array:
         """Return a muscle's command (T,), kPa, changed by a change (K,), kPa, and kept within its bounds."""
         bound = self.bounds[muscle]
-        wanted = np.clip(command_kpa + self.splines @ change, bound.low, bound.high)
+        wanted = np.clip(command_kpa + self._add_up(change), bound.low, bound.high)
         return np.asarray(_limit_steps(wanted, bound.step))
 
     def bend(self, rows: pd.DataFrame, changes: Changes) -> pd.DataFrame:
@@ -106,6 +98,18 @@ class Bending:
                 command = rows.loc[its, "pressure_command_kpa"].to_numpy()
                 bent.loc[its, "pressure_command_kpa"] = self.bend_command(muscle, command, changes[muscle])
         return bent
+
+    def _add_up(self, change: Array) -> Array:
+        return _make_splines(self.samples, change.size) @ change
+
+
+@lru_cache(maxsize=4)
+def _make_splines(samples: int, coefficients: int) -> Array:
+    """Return cubic B-splines on even knots over a trial, (T, K)."""
+    inner = np.linspace(0.0, 1.0, coefficients - DEGREE + 1)
+    knots = np.concatenate([np.zeros(DEGREE), inner, np.ones(DEGREE)])
+    splines: Array = BSpline.design_matrix(np.linspace(0.0, 1.0, samples), knots, DEGREE).toarray()
+    return splines
 
 
 def round_coefficients(change: Array) -> Array:
