@@ -605,7 +605,8 @@ class Loop:
     ) -> tuple[dict[str, Array], float]:
         """Return how a chosen movement is bent, and the utility that this adds; random ones are not."""
         section = self.cfg.active_loop.bending
-        assert self.bending is not None and section.coefficients is not None
+        assert self.bending is not None
+        assert section.coefficients is not None
         if choice.scores is None:
             return {}, np.nan
         per_rad = {each.name: each.contraction_per_rad for each in rig.exoskeleton.muscles}

@@ -78,17 +78,21 @@ def test_the_hardware_stages_recordings_serve_where_there_is_no_path(tmp_path):
     for stage in stages:
         tables.update(run_stage(study, stage, tmp_path, tables))
     recordings = tables["hardware_recordings"]
+    lead_in = recordings["time_s"] < 0.0
     turns = recordings[["participant", "experiment", "position"]].drop_duplicates()
     assert len(tables["measured_trials"]) == len(turns) > 0
-    for name in ("force_n", "pressure_kpa", "joint_angle_rad"):
+    for name in ("pressure_kpa", "joint_angle_rad"):
         np.testing.assert_array_equal(tables["measured"][name], recordings[name])
+    np.testing.assert_array_equal(tables["measured"]["force_n"], recordings["force_n"].mask(lead_in))
     assert list(tables["measured_muscles"]["muscle"]) == ["pam1", "pam2", "pam3", "pam4"]
-    assert not tables["measured_notes"]["note"].str.contains("left out").any()
-    frozen = recordings.index[recordings["muscle"] == "pam3"][100:130]
+    left_out = "left out where muscles were filled, which tells the state that trials begin in"
+    notes = tables["measured_notes"]
+    assert notes[notes["note"].str.contains("left out")].to_numpy().tolist() == [["force_n", left_out]]
+    frozen = recordings.index[(recordings["muscle"] == "pam3") & ~lead_in][100:130]
     amiss = recordings.assign(status=recordings["status"].mask(recordings.index.isin(frozen), "frozen"))
     again = run_stage(study, stages[-1], tmp_path / "amiss", {**tables, "hardware_recordings": amiss})
     assert again["measured"].loc[frozen, "force_n"].isna().all()
-    assert again["measured"]["force_n"].isna().sum() == 30
+    assert again["measured"]["force_n"].isna().sum() == 30 + lead_in.sum()
     assert again["measured"].loc[frozen, "pressure_command_kpa"].notna().all()
     assert ("pam3", "30 samples left out: frozen") in list(again["measured_notes"].itertuples(index=False, name=None))
 

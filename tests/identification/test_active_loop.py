@@ -11,8 +11,11 @@ from omegaconf import OmegaConf
 
 from pipeline.errors import ConfigError
 from stages.science.muscle_models.inputs import ModelSettings
+from stages.science.rig.limits import speed_samples
 from stages.science.rig.reference import read_sources
 from stages.science.rig.sim import SimulatedRig
+from stages.science.signals.bending import Bending, read_changes
+from stages.science.signals.lead_in import leave_out_lead_in
 from tests.composing import compose_values
 from tests.conftest import TINY, Command
 from tests.faults import find_parts, tables_of, wait_until
@@ -124,7 +127,8 @@ def test_picks_are_the_same_with_the_force_of_the_bank_set_to_nan(run, tmp_path)
 
 def test_a_trial_may_take_each_muscles_pressures_from_another_movement(run, tmp_path):
     listed, keys = ["bank", *BEFORE[1:], "active_loop"], ["active_loop.exchange_pressures=true", "active_loop.trials=2"]
-    study, stages = read_stages(listed, *keys, "active_loop.controls=[random]")
+    keys += ["active_loop.controls=[random]", "active_loop.bending.coefficients=null"]
+    study, stages = read_stages(listed, *keys)
     tables = {table.name: read(run, table.name) for name in BEFORE for table in stages[name].writes}
     found = run_stage(study, stages["active_loop"], tmp_path, tables)
     assert set(found["trials"]["arm"]) == {"integrated_variance", "random"}
@@ -139,6 +143,34 @@ def test_a_trial_may_take_each_muscles_pressures_from_another_movement(run, tmp_
             np.testing.assert_allclose(trial.loc[muscle, "pressure_command_kpa"], asked, atol=1e-9)
             others += source != row["trajectory"]
     assert others > 3
+
+
+def test_chosen_movements_are_executed_as_bent_and_random_ones_as_they_are(run):
+    references, trials, recordings = (read(run, name) for name in ("references", "trials", "active_recordings"))
+    exoskeleton = read_stages(BEFORE[:2])[0].build("rig").exoskeleton
+    joints = {each.name: each.joint for each in exoskeleton.muscles}
+    bending = Bending.read(references, joints, exoskeleton.samples, speed_samples(exoskeleton.sampling_rate_hz))
+    recorded = leave_out_lead_in(recordings)
+    for row in trials.to_dict("records"):
+        changes = read_changes(row["bent_by"])
+        rows = references[references["trajectory"] == row["trajectory"]]
+        asked = bending.bend(rows, changes)
+        found = recorded.query("arm == @row['arm'] and trial == @row['trial'] and experiment == @row['experiment']")
+        np.testing.assert_allclose(found["pressure_command_kpa"], asked["pressure_command_kpa"], atol=1e-9)
+        if row["arm"] == "random":
+            assert not changes
+            assert np.isnan(row["bent_utility"])
+        else:
+            assert set(changes) <= {*joints, *joints.values()}
+            assert row["bent_utility"] > 0.0
+            assert np.abs(asked["joint_angle_rad"] - rows["joint_angle_rad"]).max() > 0.02
+
+
+def test_recordings_are_not_bent(run, tmp_path, monkeypatch):
+    monkeypatch.setattr(SimulatedRig, "recorded", True)
+    study, stages = read_stages(["bank", *BEFORE[1:], "active_loop"], "active_loop.controls=[]")
+    tables = {table.name: read(run, table.name) for name in BEFORE for table in stages[name].writes}
+    assert "bent_by" not in run_stage(study, stages["active_loop"], tmp_path, tables)["trials"]
 
 
 def test_exchanged_pressures_are_refused_where_trials_are_recordings(run, tmp_path, monkeypatch):

@@ -57,7 +57,7 @@ def record(generator, count, force=follow_the_law, noise=0.0, pressure_kpa=(50, 
         }
     )
     noisy = force(samples) + noise * generator.standard_normal(count)
-    return samples.assign(force_n=np.maximum(noisy, 0.0))
+    return samples.assign(force_n=np.maximum(noisy, 0.0), time_s=0.0)
 
 
 def make_tables(generator, muscles=("pam1", "pam2"), experiments=2, trials=3, samples=40, points=8, **law):

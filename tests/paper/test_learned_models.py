@@ -27,6 +27,7 @@ from stages.paper.learned_models import (
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.marginal import condition
 from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.scaling import MODEL_INPUTS, Scaling
 from tests.planted import assert_holm
 from tests.science.muscle_models.data import draw, make_tables
@@ -150,7 +151,7 @@ def model_of(tables, muscle, trial, arm="y_y"):
 @pytest.mark.parametrize(("muscle", "trial", "tested_on"), [("pam1", 3, "unseen_bank"), ("pam3", 0, "bank")])
 def test_shares_and_widths_are_those_of_scikit_learn(study, muscle, trial, tested_on):
     x, y, theta, covariance, scaling = model_of(study.tables, muscle, trial)
-    test = study.tables[tested_on].query("muscle == @muscle")
+    test = leave_out_lead_in(study.tables[tested_on]).query("muscle == @muscle")
     test = test[(test.groupby("trajectory").cumcount() % 50 == 0).to_numpy()]
     at, force = scaling.inputs_of(test), test["force_n"].to_numpy()
     mean, plain = predict_by_sklearn(x, y, theta, at)
@@ -256,12 +257,12 @@ def test_forces_are_those_of_scikit_learn(study, muscle):
     sd = marginalise_by_sklearn(x, y, theta, covariance, at)
     np.testing.assert_allclose(its["mean_n"], scaling.restore_force(mean), rtol=1e-6)
     np.testing.assert_allclose(its["sd_n"], scaling.force_scale_n * sd, rtol=1e-3)
-    samples = scaling.inputs_of(study.tables["bank"].query("muscle == @muscle"))
+    samples = scaling.inputs_of(leave_out_lead_in(study.tables["bank"]).query("muscle == @muscle"))
     np.testing.assert_allclose(its["nearest"], cdist(at, samples).min(axis=1), rtol=1e-9)
 
 
 def test_sections_span_the_bank_and_hold_the_third_input(study):
-    forces, bank = study.tables["force_surfaces"], study.tables["bank"]
+    forces, bank = study.tables["force_surfaces"], leave_out_lead_in(study.tables["bank"])
     assert list(forces["muscle"].unique()) == MUSCLES
     for (muscle, section), its in forces.groupby(["muscle", "section"]):
         samples = bank[bank["muscle"] == muscle]
@@ -321,7 +322,7 @@ def test_only_the_first_experiments_count(study):
         pd.concat([tables[name], tables[name].assign(experiment=section.experiments + 1)], ignore_index=True)
         for name in ("models", "points")
     )
-    (job,) = gather(recorded, {"bank": tables["bank"]}, models, points, section).values()
+    (job,) = gather(recorded, {"bank": leave_out_lead_in(tables["bank"])}, models, points, section).values()
     expected = tables["coverage"].query("muscle == 'pam2' and tested_on == 'bank'")
     assert [row[9] for row in measure_coverage(*job)] == list(expected["share"])
 

@@ -119,7 +119,7 @@ def test_sweeps_go_both_ways_and_begin_at_either_end(commands):
 def execute(command):
     """Play commands (T, M) on the textbook plant while nobody moves."""
     with configured("nominal") as rig:
-        return rig.execute(Trial("passive", "nobody", command), np.random.default_rng(5))
+        return rig.execute(Trial("passive", "nobody", command), np.random.default_rng(5)).without_lead_in()
 
 
 def test_muscles_of_a_joint_balance_each_other_and_gravity(commands):
@@ -204,7 +204,7 @@ def test_a_trial_is_that_of_its_rows_and_the_rig_applies_it_as_it_is(rows, comma
     assert (trial.kind, trial.participant, trial.reference_rad, trial.label) == ("passive", "nobody", None, "label")
     np.testing.assert_array_equal(trial.pressure_command_kpa, commands[1, 3])
     with rig:
-        told = tidy(rig.execute(trial, np.random.default_rng(0)), rig)
+        told = tidy(rig.execute(trial, np.random.default_rng(0)).without_lead_in(), rig)
     np.testing.assert_array_equal(told["pressure_command_kpa"], its["pressure_command_kpa"])
     with pytest.raises(ValueError, match=r"expected samples of every muscle .* got none of \['pam2'\]"):
         passive_trial(its[its["muscle"] != "pam2"], rig, "label")

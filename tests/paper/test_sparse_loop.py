@@ -15,6 +15,7 @@ from stages.science.gp.sparse_marginal import condition_sparse
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import thin
 from stages.science.rig.reference import track
+from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.measures import error_rate
 from tests.planted import assert_holm, assert_paired, make_curve, values_of
 from tests.studies import read_stages, run_stage
@@ -67,7 +68,7 @@ def test_every_sample_of_every_trial_is_kept(after):
     assert trials["samples"].tolist() == [(2 + trial) * KEPT for trial in trials["trial"]]
     assert len(trials) == 4
     assert list(trials["arm"].unique()) == ["y_y", "random"]
-    counts = tables["sparse_recordings"].groupby(["arm", "trial", "muscle"]).size()
+    counts = leave_out_lead_in(tables["sparse_recordings"]).groupby(["arm", "trial", "muscle"]).size()
     assert (counts == 1000).all()
     initial = set(tables["initial_trials"]["trajectory"])
     for _, its in trials.groupby("arm"):
@@ -78,7 +79,7 @@ def test_every_sample_of_every_trial_is_kept(after):
 def rebuild(tables, arm, trial):
     """Yield each muscle's name, recorded rows, pseudo-inputs and theta, and the model of all samples by then."""
     muscles = MuscleSet.read(tables["candidates"], tables["hyperprior"], tables["scaling"])
-    recorded = tables["sparse_recordings"].query("arm == @arm and trial <= @trial")
+    recorded = leave_out_lead_in(tables["sparse_recordings"]).query("arm == @arm and trial <= @trial")
     later = recorded[recorded["time_s"].rank(method="dense").astype(int) % 20 == 1]
     start = thin(tables["hardware_recordings"], 20, ["position"])
     inputs, outputs = muscles.standardise(pd.concat([start, later]) if trial else start)
@@ -150,7 +151,7 @@ def test_errors_are_those_of_the_models_and_exact_ones_stand_beside(before, afte
     found = run_stage(study, stages["sparse_comparison"], tmp_path, tables)
     curve, compared = found["sparse_curve"], found["sparse_comparison"]
     for name, *_, model, scaling, _ in rebuild(tables, "y_y", 0):
-        test = tables["bank"].query(f"muscle == '{name}'")
+        test = leave_out_lead_in(tables["bank"]).query(f"muscle == '{name}'")
         force_n = test["force_n"].to_numpy()
         rate = error_rate(scaling.restore_force(model.predict_mean(scaling.inputs_of(test))), force_n)
         where = f"arm == 'y_y' and trial == 0 and muscle == '{name}'"

@@ -77,13 +77,15 @@ def test_evidence_is_what_is_left_when_the_other_is_fitted_to_old_and_new_trials
     weight = scores.effective / state.output.present.sum() / (best.raw.sum() / state.output.present.sum())
     wrong = both[1].fits[0].fit
     told = [each.fits[0].fit.model.name_values(each.fits[0].fit.values) for each in both]
-    (a, b, c), (d, e, f) = ([*constants.values(), effects[0][1]["size"]] for constants, effects in told)
+    (a, b, c), (d, e, f) = (  # a wrong effect may take nothing, and is left out then
+        [*constants.values(), effects[0][1]["size"] if effects else 0.0] for constants, effects in told
+    )
     for k in range(other.trials):
         new = other.x[:, k]
         true = a + b * new + c * WAVE.effect(new)
         apart = true - (d + e * new + f * KINK.effect(new))
         rows = [
-            np.column_stack([np.ones(x.size), x.ravel(), KINK.effect(x).ravel()])[:, wrong.free]
+            np.column_stack([np.ones(x.size), x.ravel(), KINK.effect(x).ravel()])[:, : wrong.free.size][:, wrong.free]
             for x in (state.output.x, new)
         ]
         sd = wrong.model.prior[1][wrong.free]

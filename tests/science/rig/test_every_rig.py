@@ -10,9 +10,11 @@ import pytest
 
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import RECORDING_COLUMNS, RigError, tidy
+from stages.science.rig.limits import speed_samples
 from stages.science.rig.reference import exchange_pressures, track, tracked_trial
 from stages.science.rig.replay import ReplayRig
 from stages.science.rig.trial import CLIPPED_BY, STATUS, Trial
+from stages.science.signals.bending import Bending
 from stages.science.signals.lead_in import leave_out_lead_in
 from tests.cpx_e.rig import describe_rig, emulate_rig
 from tests.science.plant.machines import other_rig
@@ -190,6 +192,31 @@ def test_exchanged_pressures_are_applied_within_every_limit(rig, generator):
         sides = [(np.array(rig.muscle_joints) == joint) & (pulls == pull) for pull in (True, False)]
         lower = np.min([applied[:, each].max(axis=1) for each in sides], axis=0)
         assert (lower <= ceilings.get(joint, np.inf)).all()
+
+
+def test_bent_movements_are_within_every_limit(rig, generator):
+    """However much is added, the rig takes it and applies it as it is, but for a ceiling on co-contraction."""
+    low, high = command(rig, 40.0, 60.0), command(rig, 180.0, 240.0)
+    steps = low.copy()
+    steps[50:] += 30.0
+    references = pd.concat([movement(rig, number, each) for number, each in enumerate([low, high, steps])])
+    joints = dict(zip(rig.muscles, rig.muscle_joints, strict=True))
+    bending = Bending.read(references, joints, rig.samples, speed_samples(RATE_HZ))
+    size = {**dict.fromkeys(rig.joints, 0.4), **dict.fromkeys(rig.muscles, 300.0)}
+    changes = {name: its * generator.standard_normal(6) for name, its in size.items()}
+    rows = bending.bend(references[references["trajectory"] == 2], changes)
+    rig.check_bank(rows, "trajectory")
+    asked = tracked_trial(rows, rig, "p1", "").pressure_command_kpa
+    assert np.ptp(asked, axis=0).min() > 100.0
+    if isinstance(rig, ReplayRig):
+        return  # it has no recording of it
+    with rig:
+        recorded = leave_out_lead_in(track(rows, 2, rig, "p1", "bent", generator))
+    for name, its in zip(rig.muscles, asked.T, strict=True):
+        found = recorded[recorded["muscle"] == name]
+        assert set(found["clipped_by"]) <= {"", "co_contraction"}
+        as_asked = (found["clipped_by"] == "").to_numpy()
+        np.testing.assert_allclose(found["pressure_command_kpa"][as_asked], its[as_asked], atol=1e-9)
 
 
 def clipped(rig):
