@@ -365,6 +365,8 @@ def active_loop(
     )
     if chosen.get("pressures_from", pd.Series("")).any():
         caption += " Pressures are each muscle's own choice of a movement (trials.pressures_from)."
+    if chosen.get("bent_by", pd.Series("")).any():
+        caption += " They are bent to tell more (trials.bent_by)."
     pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
     groups = {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}
     ctx.figure(
