@@ -41,7 +41,13 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.attendance import TrialDeclined
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Rig
 from stages.science.rig.limits import speed_samples
-from stages.science.rig.reference import describe_sources, exchange_pressures, read_sources, track
+from stages.science.rig.reference import (
+    describe_sources,
+    exchange_columns,
+    exchange_pressures,
+    read_sources,
+    track,
+)
 from stages.science.rig.trial import Proposal
 from stages.science.signals.bending import Bending, describe_changes, read_changes
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
@@ -352,7 +358,7 @@ def active_loop(
         for arm in arms if most is None or int(str(experiment)) <= most else arms[:1]:
             number = len(initial_trials) + len(loops) * cfg.active_loop.trials
             who = str(participant), int(str(experiment))
-            loop = Loop(cfg, ctx, muscles, tasks, references, bending, start, used, *who, arm, number)
+            loop = Loop(cfg, ctx, muscles, tasks, candidates, references, bending, start, used, *who, arm, number)
             loops["{} experiment {} {}".format(*who, arm)] = (loop,)
     tables = ctx.land("experiments", Loop.run, loops)
     tables[TRIALS.name] = tell_ends(tables[TRIALS.name], cfg.active_loop)
@@ -449,6 +455,7 @@ class Loop:
     ctx: Context
     muscles: MuscleSet
     tasks: list[Array]
+    candidates: pd.DataFrame
     references: pd.DataFrame
     bending: Bending | None
     start: pd.DataFrame
@@ -613,9 +620,12 @@ class Loop:
             return {}, np.nan
         per_rad = {each.name: each.contraction_per_rad for each in rig.exoskeleton.muscles}
         known = self.muscles, self.cfg.model, interaction.weigh
-        search = Search(self.bending, per_rad, rig.sampling_rate_hz, *known)
+        search = Search(self.bending, per_rad, *known)
         generator = self.ctx.generator("bending", self.participant, self.experiment, trial)
-        return search.run(rows, interaction.inputs_of(choice), section.coefficients, section.evaluations, generator)
+        pressures = [each.column for each in self.cfg.model.features if each.of_pressure]
+        trajectory = self.muscles.trajectories[choice.trajectory]
+        recorded = exchange_columns(self.candidates, trajectory, self.name_sources(choice), pressures)
+        return search.run(rows, recorded, section.coefficients, section.evaluations, generator)
 
     def execute(
         self,

@@ -7,14 +7,14 @@ that each joint is bent by itself. Force plays no part.
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
 import pandas as pd
 
-from stages.science.muscle_models.inputs import ModelSettings
+from stages.science.muscle_models.inputs import FEATURE_COLUMNS, ModelSettings
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.signals.bending import Bending, round_coefficients
 from stages.science.signals.scaling import MODEL_INPUTS, Scaling
@@ -33,52 +33,42 @@ Weigh = Callable[[int, Array], float]
 
 @dataclass(frozen=True)
 class Movement:
-    """A muscle in a movement of the bank: its command (T,), kPa, and standardised inputs (n, D) as recorded.
+    """A muscle in a movement of the bank: its command (T,), kPa, and what was recorded of every so-many-th sample.
 
-    The inputs are of each so-many-th sample, and samples are `step_s` apart; the model says what they are.
+    These are the n samples' measured signals and features by column, each in its unit, and `step_s` apart.
     """
 
     contraction_per_rad: float
     command_kpa: Array
-    scaling: Scaling
-    recorded: Array
+    recorded: Mapping[str, Array]
+    every: int
     step_s: float
+    scaling: Scaling
     model: ModelSettings
 
     def foresee(self, change_rad: Array, command_kpa: Array) -> Array:
-        """Return the inputs (n, D) with the joint's reference changed (T,), rad, under another command (T,), kPa.
+        """Return standardised inputs (n, D) with the reference changed (T,), rad, under another command (T,), kPa.
 
         Joint and pressure are taken to follow what is changed at once.
         """
-        old, contracted = self._own, self.contraction_per_rad * change_rad[:: self._every]
-        new = old | {
-            PRESSURE: old[PRESSURE] + (command_kpa - self.command_kpa)[:: self._every],
+        old, contracted = self.recorded, self.contraction_per_rad * change_rad[:: self.every]
+        new = {
+            **old,
+            PRESSURE: old[PRESSURE] + (command_kpa - self.command_kpa)[:: self.every],
             CONTRACTION: old[CONTRACTION] + contracted,
-            VELOCITY: old[VELOCITY] + np.gradient(contracted, self._step_s),
+            VELOCITY: old[VELOCITY] + np.gradient(contracted, self.step_s),
         }
         new |= {name: old[name] + each - self._followed[name] for name, each in self._follow(new).items()}
         restored = np.stack([new[name] for name in self.scaling.inputs], axis=1)
         return (restored - self.scaling.input_centre) / self.scaling.input_scale
 
-    @property
-    def _every(self) -> int:
-        return -(-len(self.command_kpa) // len(self.recorded))
-
-    @property
-    def _step_s(self) -> float:
-        return self._every * self.step_s
-
-    @cached_property
-    def _own(self) -> dict[str, Array]:
-        return dict(zip(self.scaling.inputs, self.scaling.restore_inputs(self.recorded).T, strict=True))
-
     @cached_property
     def _followed(self) -> dict[str, Array]:
-        return self._follow(self._own)
+        return self._follow(self.recorded)
 
     def _follow(self, signals: Mapping[str, Array]) -> dict[str, Array]:
         asked = [(each.column, each.follow) for each in self.model.features if each.follow is not None]
-        return {name: follow(signals, self._step_s, self.model.constants) for name, follow in asked}
+        return {name: follow(signals, self.step_s, self.model.constants) for name, follow in asked}
 
 
 @dataclass
@@ -104,7 +94,6 @@ class Search:
 
     bending: Bending
     contraction_per_rad: Mapping[str, float]
-    sampling_rate_hz: float
     muscles: MuscleSet
     model: ModelSettings
     weigh: Weigh
@@ -112,7 +101,7 @@ class Search:
     def run(
         self,
         rows: pd.DataFrame,
-        recorded: Sequence[Array],
+        recorded: pd.DataFrame,
         coefficients: int,
         evaluations: int,
         generator: np.random.Generator,
@@ -122,9 +111,9 @@ class Search:
         Parameters
         ----------
         rows : DataFrame
-            References and commands of the movement, as of `track`.
-        recorded : sequence over M muscles of (n, D) float arrays
-            Standardised inputs of every so-many-th sample, as the bank recorded them.
+            References and commands of the movement: muscle, time_s, pressure_command_kpa, joint_angle_rad.
+        recorded : DataFrame
+            What the bank recorded of every so-many-th of these samples: muscle, time_s, `MODEL_INPUTS` and features.
         coefficients, evaluations : int
             Of each joint and muscle, at least four; bent movements that are scored.
         generator : Generator
@@ -134,22 +123,21 @@ class Search:
         gained = 0.0
         for joint in dict.fromkeys(self.bending.joints.values()):
             names = [name for name, its in self.bending.joints.items() if its == joint]
-            moved = {
-                name: Movement(
-                    self.contraction_per_rad[name],
-                    rows.loc[rows["muscle"] == name, "pressure_command_kpa"].to_numpy(),
-                    self.muscles.scalings[place],
-                    recorded[place],
-                    1.0 / self.sampling_rate_hz,
-                    self.model,
-                )
-                for name, place in zip(names, map(self.muscles.names.index, names), strict=True)
-            }
+            moved = {name: self._gather(name, rows, recorded) for name in names}
             angle = rows.loc[rows["muscle"] == names[0], "joint_angle_rad"].to_numpy()
             its, more = self._bend_joint(joint, angle, moved, coefficients, evaluations, generator)
             changes |= its
             gained += more
         return changes, gained
+
+    def _gather(self, muscle: str, rows: pd.DataFrame, recorded: pd.DataFrame) -> Movement:
+        own, its = (each[each["muscle"] == muscle] for each in (rows, recorded))
+        every = int(np.searchsorted(own["time_s"], its["time_s"].iloc[1]))
+        step_s = float(its["time_s"].iloc[1] - its["time_s"].iloc[0])
+        signals = {name: its[name].to_numpy() for name in (*MODEL_INPUTS, *FEATURE_COLUMNS) if name in its}
+        scaling = self.muscles.scalings[self.muscles.names.index(muscle)]
+        per_rad, command = self.contraction_per_rad[muscle], own["pressure_command_kpa"].to_numpy()
+        return Movement(per_rad, command, signals, every, step_s, scaling, self.model)
 
     def _bend_joint(
         self,

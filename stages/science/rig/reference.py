@@ -4,7 +4,7 @@ A movement's long table flows in; the `Trial` that displays its joint angles and
 or what was measured when a rig executed it.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 import pandas as pd
@@ -75,10 +75,17 @@ def exchange_pressures(references: pd.DataFrame, trajectory: int, sources: Mappi
 
     References are as of `track`; `sources` names the movement by muscle, and a muscle that is not in it keeps its own.
     """
-    rows = references[references["trajectory"] == trajectory].copy()
+    return exchange_columns(references, trajectory, sources, ["pressure_command_kpa"])
+
+
+def exchange_columns(
+    movements: pd.DataFrame, trajectory: int, sources: Mapping[str, int], columns: Sequence[str]
+) -> pd.DataFrame:
+    """Return a movement's rows with some muscles' columns from other movements, sample by sample."""
+    rows = movements[movements["trajectory"] == trajectory].copy()
     for muscle, source in sources.items():
-        its = references[(references["trajectory"] == source) & (references["muscle"] == muscle)]
-        rows.loc[rows["muscle"] == muscle, "pressure_command_kpa"] = its["pressure_command_kpa"].to_numpy()
+        its = movements[(movements["trajectory"] == source) & (movements["muscle"] == muscle)]
+        rows.loc[rows["muscle"] == muscle, list(columns)] = its[list(columns)].to_numpy()
     return rows
 
 
