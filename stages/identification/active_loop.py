@@ -81,7 +81,7 @@ TRIALS = Table(
         "bent_by": column(
             str,
             "coefficients of the cubic splines that were added to joints' references (rad) and muscles' pressure "
-            "commands (kPa); empty: none. With active_loop.bending.coefficients",
+            "commands (kPa); empty: none, as in controls. With active_loop.bending.coefficients",
             optional=True,
         ),
         "bent_utility": column(
@@ -612,11 +612,11 @@ class Loop:
     def bend(
         self, rows: pd.DataFrame, choice: Choice, interaction: Interaction, trial: int, rig: Rig
     ) -> tuple[dict[str, Array], float]:
-        """Return how a chosen movement is bent, and the utility that this adds; random ones are not."""
+        """Return how a movement of the design is bent, and the utility that this adds; random ones are not."""
         section = self.cfg.active_loop.bending
         assert self.bending is not None
         assert section.coefficients is not None
-        if choice.scores is None:
+        if choice.scores is None or self.arm != name_utility(self.cfg.active_loop.utility):
             return {}, np.nan
         per_rad = {each.name: each.contraction_per_rad for each in rig.exoskeleton.muscles}
         known = self.muscles, self.cfg.model, interaction.weigh

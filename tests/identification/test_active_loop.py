@@ -145,7 +145,7 @@ def test_a_trial_may_take_each_muscles_pressures_from_another_movement(run, tmp_
     assert others > 3
 
 
-def test_chosen_movements_are_executed_as_bent_and_random_ones_as_they_are(run):
+def test_the_designs_movements_are_executed_as_bent_and_controls_as_they_are(run):
     references, trials, recordings = (read(run, name) for name in ("references", "trials", "active_recordings"))
     exoskeleton = read_stages(BEFORE[:2])[0].build("rig").exoskeleton
     joints = {each.name: each.joint for each in exoskeleton.muscles}
@@ -157,7 +157,7 @@ def test_chosen_movements_are_executed_as_bent_and_random_ones_as_they_are(run):
         asked = bending.bend(rows, changes)
         found = recorded.query("arm == @row['arm'] and trial == @row['trial'] and experiment == @row['experiment']")
         np.testing.assert_allclose(found["pressure_command_kpa"], asked["pressure_command_kpa"], atol=1e-9)
-        if row["arm"] == "random":
+        if row["arm"] != "integrated_variance":
             assert not changes
             assert np.isnan(row["bent_utility"])
         else:

@@ -31,7 +31,7 @@ class MarginalGP(MarginalModel):
 
     def __init__(self, posterior: LogPosterior, theta: Array, covariance: Array | None = None):
         self.posterior = posterior
-        self._whitener: tuple[int, Predictor] | None = None
+        self._latest: tuple[int, Predictor] | None = None
         super().__init__(np.array(theta, dtype=float), posterior.read(theta), posterior.prior, covariance)
 
     @property
@@ -81,10 +81,7 @@ class MarginalGP(MarginalModel):
     def whiten(self, points: Array) -> Array:
         """Return L^-1 k(X, x*) of (B, D) points, (N, B), by which the data explain their covariance."""
         points = self._check(points)
-        size = max(1, len(points))
-        if self._whitener is None or self._whitener[0] != size:
-            self._whitener = size, self._predictor(size)
-        return self._whitener[1].whiten(points).copy()
+        return self._predictor(max(1, len(points))).whiten(points).copy()
 
     def joint_information(self, points: Array) -> float:
         """Return the information that noisy measurements at all (T, D) points together bring about theta (nats).
@@ -108,7 +105,9 @@ class MarginalGP(MarginalModel):
         return limit_chunk(n * (2 * d + 4) + 20 * d + 36, memory_mb)
 
     def _predictor(self, size: int) -> Predictor:
-        return Predictor(self.posterior, self.theta, self._factor, self._weights, size)
+        if self._latest is None or self._latest[0] != size:
+            self._latest = size, Predictor(self.posterior, self.theta, self._factor, self._weights, size)
+        return self._latest[1]
 
 
 def condition(
