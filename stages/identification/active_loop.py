@@ -81,11 +81,15 @@ TRIALS = Table(
         "bent_by": column(
             str,
             "coefficients of the cubic splines that were added to joints' references (rad) and muscles' pressure "
-            "commands (kPa); empty: none, as in controls. With active_loop.bending.coefficients",
+            "commands (kPa) before these were kept within the bank's bounds; empty: none, as in controls. With "
+            "active_loop.bending.coefficients",
             optional=True,
         ),
         "bent_utility": column(
-            float, "utility that bending was expected to add, as utility", nullable=True, optional=True
+            float,
+            "what bending was expected to add to utility, by every so-many-th input of the task",
+            nullable=True,
+            optional=True,
         ),
         "surprise": column(
             float,
@@ -372,7 +376,7 @@ def active_loop(
     if chosen.get("pressures_from", pd.Series("")).any():
         caption += " Pressures are each muscle's own choice of a movement (trials.pressures_from)."
     if chosen.get("bent_by", pd.Series("")).any():
-        caption += " They are bent to tell more (trials.bent_by)."
+        caption += " They are shown as they were bent within the bank's bounds, to tell more (trials.bent_by)."
     pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
     groups = {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}
     ctx.figure(

@@ -107,7 +107,14 @@ class ManualRig(Rig):
             got = ", ".join(f"{counts.get(name, 0)} of {name}" for name in wrong)
             raise RigError(f"{path}: expected {self.samples} samples of every muscle, got {got}")
         times = frame.groupby("time_s")["muscle"].nunique()
-        since = times[times.index >= 0.0]
+        since, filling = times[times.index >= 0.0], times[times.index < 0.0]
+        due = round(-filling.index.min() * self.sampling_rate_hz) if len(filling) else 0
+        if len(filling) != due or filling.min() < len(self.muscles):
+            raise RigError(
+                f"{path}: expected every sample of every muscle before time 0, from {filling.index.min():g} s on, "
+                f"where the filling was recorded ({due}), got {int((filling == len(self.muscles)).sum())}; "
+                "leave them all out, or add what is missing"
+            )
         if len(since) != self.samples or times.min() < len(self.muscles):
             raise RigError(f"{path}: expected the same {self.samples} times for every muscle, got {len(since)} times")
         return gather(frame, self)

@@ -14,7 +14,7 @@ from stages.science.rig.manual import ManualRig, TrialRequested
 from stages.science.rig.trial import Proposal, Trial
 from tests.conftest import Command
 from tests.science.plant.machines import configured
-from tests.science.rig.watching import execute
+from tests.science.rig.watching import execute, execute_whole
 
 
 @pytest.fixture
@@ -64,6 +64,21 @@ def test_reads_back_exactly_what_was_recorded(operator, trial, told):
     found = execute(operator, trial)
     for name in vars(told):
         np.testing.assert_array_equal(getattr(found, name), getattr(told, name))
+
+
+def test_a_filling_is_read_back_whole_or_left_out(operator, trial):
+    path = asked_for(operator, trial)["save_as"]
+    whole = execute_whole(configured(), trial, 4)
+    rows = pd.DataFrame(tidy(whole, configured()))
+    rows.to_csv(path, index=False)
+    np.testing.assert_array_equal(execute_whole(operator, trial).joint_angle_rad, whole.joint_angle_rad)
+    hole = rows["time_s"].between(-0.5, -0.0041)
+    for kept in (~hole, ~hole | (rows["muscle"] != "pam2")):
+        rows[kept].to_csv(path, index=False)
+        with pytest.raises(
+            RigError, match=r"before time 0, from -1 s on, where .* \(250\), got 126; leave them all out"
+        ):
+            execute_whole(operator, trial)
 
 
 @pytest.mark.parametrize(
