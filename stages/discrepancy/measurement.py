@@ -11,13 +11,12 @@ not hold what it should is refused in one line.
 import re
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import partial
 from pathlib import Path
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import pandas as pd
-from pydantic import BeforeValidator, Field, model_validator
+from pydantic import BeforeValidator, model_validator
 
 from pipeline.command import command_line
 from pipeline.config import Section, View
@@ -28,12 +27,11 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import list_signals
-from stages.science.recording.assembly import Notes, choose_muscles, complete, note_missing, read_parts
-from stages.science.recording.blocks import PROPOSED, WHOLE, arrange_records, list_blocks, split_records
-from stages.science.recording.clock import count_time, find_rate, regularise
+from stages.science.recording.assembly import Notes, note_missing
+from stages.science.recording.blocks import arrange_records, list_blocks, split_records
+from stages.science.recording.clock import count_time
 from stages.science.recording.column_map import ColumnMap, is_one_trial, join_parts
 from stages.science.recording.columns import RecordingError, check_rows, name_rows
-from stages.science.recording.datasets import find_starts, join_executed, list_trials
 from stages.science.recording.description import UNTOLD, describe, list_arguments, quote
 from stages.science.recording.files.bags import is_bag
 from stages.science.recording.files.readers import (
@@ -47,19 +45,25 @@ from stages.science.recording.files.readers import (
 from stages.science.recording.headings import read_heading
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
 from stages.science.recording.plausibility import check_readings, check_signals
+from stages.science.recording.sources import (
+    READINGS,
+    SAMPLE_KEY,
+    Measurement,
+    Source,
+    read_executed,
+    read_rig_session,
+    tabulate,
+)
 from stages.science.recording.uneven import even_out
 
 SAMPLES, META = "samples.parquet", "meta.json"
 """Files of a measured folder."""
 
-HELD = "command held until the next sample; sensors sample before the command acts"
-"""Timing of every rig."""
-
 TOGETHER = "several records go into one file, told apart by a column: columns.record=NAME"
 
 NAMES = ("muscle", "part", "record")
-RECORD_KEY, MUSCLE_KEY = ("record", "time_s"), ("trial", "muscle", "time_s")
 """Columns of text."""
+RECORD_KEY = ("record", "time_s")
 
 NEEDED = ("trial", "muscle", "time_s", "pressure_kpa", "force_n")
 """Columns without which muscles cannot be judged."""
@@ -131,17 +135,6 @@ DEFAULT_NAMES = {True: (*MEASURED.columns, "part"), False: ("record", "part", "t
 """Names that conf/measurement has, for muscles and for records."""
 USUAL_JITTER = 0.01
 """As conf/measurement has it."""
-READINGS = tuple(MEASURED.columns)[3:]
-
-
-class Measurement(Section):
-    """How recordings are read."""
-
-    kind: Literal["muscles", "records"]
-    rate_hz: Annotated[float, Field(gt=0.0, le=1e9)] | None
-    largest_jitter: Annotated[float, Field(ge=0.0, le=0.4)]
-    part_endings: Annotated[list[str], Field(min_length=1)] | None
-    blocks: Annotated[int, Field(ge=2, le=10000)]
 
 
 def check_one(value: Any) -> Any:
@@ -195,27 +188,6 @@ class Config(Section):
         return ColumnMap(self.columns, self.units, NAMES, needed, given.part_endings or [], given.rate_hz, muscles)
 
 
-@dataclass(frozen=True)
-class Source:
-    """Samples of muscles as they were read, and what is known of the machine.
-
-    `samples` have this project's columns, and an index that counts the file's rows; `muscles` a row for each that may
-    be there. Messages name the `file`, and what the muscles are `described_in`. The times must say where no rate is
-    told; `session` is what meta.json says, and `notes` what was left out already.
-    """
-
-    name: str
-    file: str
-    samples: pd.DataFrame
-    muscles: pd.DataFrame
-    described_in: str
-    load_cell_site: str
-    timing: str
-    rate_hz: float | None
-    session: Session | None
-    notes: Sequence[tuple[str, str]] = ()
-
-
 def show_map(cfg: Config) -> list[str]:
     """Return a line for each column: where it comes from, and in which unit."""
     if cfg.measured is None:
@@ -255,6 +227,7 @@ def measurement(
     ctx: Context,
     hardware_recordings: pd.DataFrame | None = None,
     active_recordings: pd.DataFrame | None = None,
+    discrimination_recordings: pd.DataFrame | None = None,
     session_recordings: pd.DataFrame | None = None,
     session_machine: pd.DataFrame | None = None,
     further_recordings: pd.DataFrame | None = None,
@@ -268,10 +241,18 @@ def measurement(
         elif session_recordings is not None and session_machine is not None:
             source = read_rig_session(session_recordings, session_machine, further_recordings)
         else:
-            source = read_recordings(hardware_recordings, active_recordings, cfg)
+            if hardware_recordings is None or hardware_recordings.empty:
+                raise InputError("measured: expected recordings of the hardware stage, got none; set measured=PATH")
+            designed = hardware_recordings, active_recordings, discrimination_recordings
+            source = read_executed(cfg.exoskeleton, *designed)
         with about(source.file):
-            tables = tabulate_muscles(source, cfg)
-    return {each.name: tables.get(each.name, pd.DataFrame(columns=list(each.columns))) for each in measurement.writes}
+            told, notes = tabulate(source, cfg.exoskeleton, cfg.measurement.largest_jitter)
+        tables = {each.name: getattr(told, each.name) for each in measurement.writes if each is not MEASURED_NOTES}
+        tables[MEASURED_NOTES.name] = pd.DataFrame(notes, columns=list(MEASURED_NOTES.columns))
+    return {
+        each.name: tables.get(each.name, pd.DataFrame()).reindex(columns=list(each.columns))
+        for each in measurement.writes
+    }
 
 
 @contextmanager
@@ -325,18 +306,18 @@ def read_muscles(path: InputPath, cfg: Config) -> Source:
     """Read a folder with samples and meta.json, or one file for the configured exoskeleton, and check its rows."""
     session = read_meta(path)
     known, file = read_known(path, cfg), find_samples(path)
-    samples = adopt_file(file, cfg, MUSCLE_KEY, known)
+    samples = adopt_file(file, cfg, SAMPLE_KEY, known)
     with about(str(file)):
-        check_rows(samples, MUSCLE_KEY)
+        check_rows(samples, SAMPLE_KEY)
         wrong = (samples["trial"] % 1.0 != 0.0) | (samples["trial"] < 0.0)
         if wrong.any():
             raise RecordingError(f"column trial: expected whole numbers from 0, got others in {name_rows(wrong)}")
         check_readings(samples, READINGS, MEASURED.columns, cfg.units)
-    samples = samples.astype({"trial": int})
+    samples, notes = samples.astype({"trial": int}), note_reading(file, cfg, known)
     if session is None:
         site, rate = cfg.exoskeleton.load_cell_site, cfg.measurement.rate_hz
-        return Source(file.name, path, samples, known, "exoskeleton.muscles", site, "", rate, None)
-    folder, told = file.parent, (session.load_cell_site, session.timing, session.sampling_rate_hz, session)
+        return Source(file.name, path, samples, known, "exoskeleton.muscles", site, "", rate, None, notes)
+    folder, told = file.parent, (session.load_cell_site, session.timing, session.sampling_rate_hz, session, notes)
     return Source(folder.resolve().name, str(file), samples, known, str(folder / META), *told)
 
 
@@ -365,65 +346,6 @@ def read_wanted(file: Path, given: ColumnMap, header: Header) -> pd.DataFrame:
             ) from None
     parts = given.part_columns(header.names)
     return join_parts({end: read_samples(file, own).rename(columns=own) for end, own in parts.items()})
-
-
-def read_recordings(initial: pd.DataFrame | None, designed: pd.DataFrame | None, cfg: Config) -> Source:
-    """Take what the hardware stage recorded, and the trials of the design's arm after it, for what was measured."""
-    if initial is None or initial.empty:
-        raise InputError("measured: expected recordings of the hardware stage, got none; set measured=PATH")
-    recordings = join_executed(initial, designed)
-    samples = recordings[list(MEASURED.columns)]
-    amiss = recordings["status"] != "ok"
-    samples.loc[amiss, [name for name in READINGS if name != "pressure_command_kpa"]] = float("nan")
-    counts = recordings[amiss].groupby(["muscle", "status"], sort=False).size().reset_index(name="count")
-    notes = [(str(row["muscle"]), f"{row['count']} samples left out: {row['status']}") for _, row in counts.iterrows()]
-    filling = recordings["time_s"] < 0.0
-    if filling.any():
-        samples.loc[filling, "force_n"] = float("nan")
-        notes.append(("force_n", "left out where muscles were filled, which tells the state that trials begin in"))
-    machine, file, described_in = cfg.exoskeleton, "hardware_recordings", "exoskeleton.muscles"
-    told = machine.load_cell_site, HELD, machine.sampling_rate_hz, None, notes
-    name = "hardware" if designed is None else "hardware and active_loop"
-    return Source(name, file, samples, describe_muscles(machine), described_in, *told)
-
-
-def read_rig_session(recordings: pd.DataFrame, machine: pd.DataFrame, further: pd.DataFrame | None) -> Source:
-    """Take a session that a rig recorded for what was measured, and its further trials; its clock runs through them."""
-    recordings = recordings.assign(part=WHOLE)
-    if further is not None and len(further):
-        recordings = pd.concat([recordings, further.assign(part=PROPOSED)], ignore_index=True)
-    samples = recordings.assign(time_s=recordings["start_s"] + recordings["time_s"])
-    known, told = machine[list(MUSCLE_COLUMNS)], machine.iloc[0]
-    site, timing, rate = str(told["load_cell_site"]), str(told["timing"]), float(told["sampling_rate_hz"])
-    kept = samples[[*MEASURED.columns, "part"]]
-    return Source("blinded_session", "session_recordings", kept, known, "session_machine", site, timing, rate, None)
-
-
-def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
-    """Return the tables of a recording of muscles."""
-    notes: Notes = list(source.notes)
-    if cfg.measured is not None:
-        notes.extend(note_reading(find_samples(cfg.measured), cfg, source.muscles))
-    samples, muscles = choose_muscles(source.samples, source.muscles, source.described_in, notes)
-    notes += note_missing(samples, READINGS)
-    rate = find_rate(samples, ("trial", "muscle"), source.rate_hz)
-    parts = read_parts(samples, WHOLE)
-    recorded = samples.groupby("trial", sort=False).size()
-    samples, starts = regularise(samples, "trial", ["muscle"], rate, cfg.measurement.largest_jitter)
-    lost = samples.groupby("trial", sort=False).size() - recorded
-    told = "of its rows were missing: samples without values"
-    notes.extend((f"trial {trial}", f"{count} {told}") for trial, count in lost.items() if count)
-    window = cfg.exoskeleton.velocity_filter
-    samples = complete(samples, muscles, READINGS, rate, window.window_s, window.order, notes)
-    trials = list_trials(samples, rate).assign(part=parts.to_numpy(), start_s=find_starts(source.session, starts))
-    row = (source.name, "muscles", rate, source.load_cell_site, source.timing, len(trials), len(muscles))
-    return {
-        MEASURED.name: samples[list(MEASURED.columns)],
-        MEASURED_TRIALS.name: trials[list(MEASURED_TRIALS.columns)],
-        MEASURED_MUSCLES.name: muscles,
-        MEASURED_SESSION.name: pd.DataFrame([row], columns=list(MEASURED_SESSION.columns)),
-        MEASURED_NOTES.name: pd.DataFrame(notes, columns=list(MEASURED_NOTES.columns)),
-    }
 
 
 def note_reading(file: Path, cfg: Config, known: pd.DataFrame) -> Notes:

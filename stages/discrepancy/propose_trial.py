@@ -16,7 +16,6 @@ from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.proposal import (
     ProposalSettings,
     Proposed,
-    choose_rivals,
     choose_round,
     fit_rival,
     predict,
@@ -74,10 +73,9 @@ def propose_trial(
 ) -> dict[str, pd.DataFrame]:
     """Weigh kinds of excitation by how well they would tell the leading names apart."""
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, cfg.discrepancy)
-    number, alike = choose_round(ranking, found.named_effects)
     given, written, weighed = cfg.propose_trial, {}, None
-    chosen = choose_rivals(ranking[ranking["round"] == number], alike, given.rivals, given.least_probability)
-    if len(chosen) > 1 and dataset.outputs[0].levers:
+    number, chosen = choose_round(ranking, found.named_effects, given.rivals, given.least_probability)
+    if chosen and dataset.outputs[0].levers:
         nominal = restore_states(dataset, NominalTables(nominal_fit, found.channels, residuals))
         states = [found.resume(state, number - 1) for state in nominal]
         rivals = [fit_rival(states, name, probability) for name, probability in chosen.items()]

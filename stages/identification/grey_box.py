@@ -8,7 +8,7 @@ amended plant leaves), `grey_box_coverage`, `grey_box_models`, and `grey_box_sum
 and measures nothing.
 """
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, NamedTuple, Self
 
@@ -128,6 +128,17 @@ GREY_BOX_MODELS = Table(
     },
     key=(*EXPERIMENT, "muscle", "hyperparameter"),
 )
+NUMBER = column(float, "error rate on it, mean over muscles and experiments", low=0, nullable=True)
+ERROR_BY_STEP = Table(
+    "error_by_step",
+    "What each step of the workflow leaves: error rate (RMSE / largest test force)",
+    {
+        "step": column(str, "what predicts"),
+        "trials": column(int, "executed until then, of all experiments (count)", low=0),
+        **dict.fromkeys(("task", "bank", "unseen_bank"), NUMBER),
+    },
+    key=("step", "trials"),
+)
 
 
 class GreyBoxSettings(Section):
@@ -185,7 +196,7 @@ class Designed:
     points: pd.DataFrame
 
 
-@stage(GREY_BOX_SUMMARY, GREY_BOX_ERRORS, GREY_BOX_COVERAGE, GREY_BOX_MODELS, stream="grey_box")
+@stage(ERROR_BY_STEP, GREY_BOX_SUMMARY, GREY_BOX_ERRORS, GREY_BOX_COVERAGE, GREY_BOX_MODELS, stream="grey_box")
 def grey_box(
     cfg: Config,
     bank: pd.DataFrame,
@@ -200,6 +211,7 @@ def grey_box(
     channels: pd.DataFrame,
     measured_muscles: pd.DataFrame,
     ctx: Context,
+    discrimination_values: pd.DataFrame | None = None,
     task_movements: pd.DataFrame | None = None,
     unseen_bank: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
@@ -207,6 +219,7 @@ def grey_box(
     learned = list(read_patches(learned_maps).values())
     amended = Plant.model_validate(amend_plant(cfg.plant, amended_values, learned, channels, measured_muscles))
     plants = {NOMINAL: cfg.plant, AMENDED: amended}
+    plants |= amend_by_steps(cfg.plant, discrimination_values, amended_values, channels, measured_muscles)
     given = {"task": task_movements, "bank": bank, "unseen_bank": unseen_bank}
     tests = {name: add_forces(each, plants, cfg) for name, each in gather_tests(cfg.model, given).items()}
     design = str(models["arm"].iloc[0])
@@ -228,17 +241,58 @@ def grey_box(
         table.name: pd.DataFrame([row for name, row in rows if name == table.name], columns=list(table.columns))
         for table in (GREY_BOX_ERRORS, GREY_BOX_COVERAGE, GREY_BOX_MODELS)
     }
-    told[GREY_BOX_ERRORS.name] = add_average(told[GREY_BOX_ERRORS.name])[list(GREY_BOX_ERRORS.columns)]
-    summary = summarise(told[GREY_BOX_ERRORS.name], told[GREY_BOX_COVERAGE.name], told[GREY_BOX_MODELS.name])
+    errors = add_average(told[GREY_BOX_ERRORS.name])[list(GREY_BOX_ERRORS.columns)]
+    executed = join_executed(hardware_recordings, active_recordings)["trial"].nunique()
+    told |= {GREY_BOX_ERRORS.name: errors, ERROR_BY_STEP.name: list_steps(errors, tests, list(plants), executed)}
+    summary = summarise(errors, told[GREY_BOX_COVERAGE.name], told[GREY_BOX_MODELS.name])
     experiments = int(summary["experiments"].max())
     ctx.figure(
         "grey_box",
-        draw_rungs(told[GREY_BOX_ERRORS.name], list(RUNGS), list(tests)),
+        draw_rungs(errors, list(RUNGS), list(tests)),
         "Error rate (RMSE over the largest force of the test data) of "
         + "; ".join(f"{name.replace('_', ' ')}: {described}" for name, described in DESCRIBED.items())
         + f". Mean over {experiments} experiment{'s' * (experiments > 1)}, points are experiments.",
     )
     return {GREY_BOX_SUMMARY.name: summary, **told}
+
+
+def amend_by_steps(
+    plant: Plant, values: pd.DataFrame | None, last: pd.DataFrame, channels: pd.DataFrame, muscles: pd.DataFrame
+) -> dict[str, Plant]:
+    """Return the plant without learned maps as it was amended before each trial that tells names apart, and at last."""
+    if values is None or values.empty:
+        return {}
+    steps = [*(rows for _, rows in values.groupby("trial")), last]
+    return {
+        f"{AMENDED}_{number}": Plant.model_validate(amend_plant(plant, rows, [], channels, muscles))
+        for number, rows in enumerate(steps)
+    }
+
+
+def list_steps(
+    errors: pd.DataFrame, tests: Mapping[str, pd.DataFrame], plants: Sequence[str], designed: int
+) -> pd.DataFrame:
+    """Return the rows of `error_by_step`, from the error rates of all rungs and tests with the force of all plants."""
+    mean = errors[errors["muscle"] == ALL_MUSCLES].groupby(["rung", "tested_on"])["error_rate"].mean()
+    rungs = {name: {test: float(mean[name, test]) for test in tests} for name in RUNGS}
+    amended = [name for name in plants if name not in RUNGS]
+    own = {name: {test: average_rate(samples, name) for test, samples in tests.items()} for name in amended}
+    trials = designed + max(len(amended) - 1, 0)
+    steps = [
+        ("nominal plant", 0, rungs[NOMINAL]),
+        ("Gaussian process of each experiment's designed trials", designed, rungs[PROCESS]),
+        *(("amended plant", designed + number, own[name]) for number, name in enumerate(amended)),
+        ("amended plant and learned maps", trials, rungs[AMENDED]),
+        ("grey box: that, and a Gaussian process of the rest", trials, rungs[GREY_BOX]),
+    ]
+    rows = [{"step": name, "trials": known, **rates} for name, known, rates in steps]
+    return pd.DataFrame(rows).reindex(columns=list(ERROR_BY_STEP.columns))
+
+
+def average_rate(samples: pd.DataFrame, plant: str) -> float:
+    """Return the error rate of a plant's force on a test set, mean over muscles."""
+    rates = [error_rate(its[plant].to_numpy(), its[MODEL_OUTPUT].to_numpy()) for _, its in samples.groupby("muscle")]
+    return float(np.mean(rates))
 
 
 def add_forces(recordings: pd.DataFrame, plants: Mapping[str, Plant], cfg: Config) -> pd.DataFrame:

@@ -68,13 +68,14 @@ SHAPES: Mapping[str, Shape] = {
 
 
 def list_excitations(
-    levers: Sequence[str], samples: int, step_s: float, movement_s: float
+    levers: Sequence[str], samples: int, step_s: float, movement_s: float, lead_in_s: float = 0.0
 ) -> tuple[list[dict[str, str]], dict[str, Array]]:
     """Return combinations of kinds, by lever, and the shares that each lever runs through, (T, J).
 
-    They are all in which something moves and, of more than two levers, all but two are held low.
+    They are all in which something moves and, of more than two levers, all but two are held low. They begin after the
+    lead-in, in which they stay as they begin.
     """
-    times: Array = step_s * np.arange(samples, dtype=float)
+    times: Array = np.maximum(step_s * np.arange(samples, dtype=float) - lead_in_s, 0.0)
     moving = [name for name, shape in SHAPES.items() if np.ptp(shape(times, movement_s)) > 0.0]
     low = next(iter(SHAPES))
     chosen = [

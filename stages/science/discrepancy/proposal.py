@@ -6,7 +6,7 @@ fits its constants anew, as far as the trials that there are leave them free.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Any, Literal
+from typing import Literal
 
 import numpy as np
 import pandas as pd
@@ -49,18 +49,24 @@ class Rival:
     fits: Sequence[Fitted]
 
 
-def choose_round(ranking: pd.DataFrame, named: pd.DataFrame) -> tuple[int, list[str]]:
-    """Return the round of the search whose name is least sure, and the names that it does not exclude.
+def choose_round(ranking: pd.DataFrame, named: pd.DataFrame, most: int, least: float) -> tuple[int, dict[str, float]]:
+    """Return the round of the search whose name is least sure, and the rivals that `choose_rivals` finds in it.
 
-    Rounds are looked at whose name stands, or the first, in rows of the tables `ranking` and `named_effects`.
+    Rows are of the tables `ranking` and `named_effects`. Rounds are looked at whose name stands, and the next one, in
+    which more is looked for beside these. A name that stands by another round is no rival: both are there. Without a
+    round in which two names are left there are no rivals.
     """
-    last = max(int(named["order"].max()) if len(named) else 1, 1)
-    rows = ranking[(ranking["round"] <= last) & (ranking["name"] != UNKNOWN)]
-    leading: dict[Any, float] = rows.groupby("round")["probability"].max().to_dict()
-    number = int(min(leading, key=leading.__getitem__))
-    its = named[named["order"] == number]
-    like = str(its["indistinguishable_from"].iloc[0]) if len(its) else ""
-    return number, like.split(",") if like else []
+    stand = dict(zip(named["order"], zip(named["name"], named["indistinguishable_from"], strict=True), strict=False))
+    found: list[tuple[float, int, dict[str, float]]] = []
+    for number in range(1, int(max(stand, default=0)) + 2):
+        rows = ranking[(ranking["round"] == number) & (ranking["name"] != UNKNOWN)]
+        others = [name for order, (name, _) in stand.items() if order != number]
+        alike = str(stand[number][1]).split(",") if number in stand else []
+        rivals = choose_rivals(rows[~rows["name"].isin(others)], alike, most, least)
+        if len(rivals) > 1:
+            found.append((float(rows["probability"].max()), number, rivals))
+    _, number, rivals = min(found, key=lambda each: each[0], default=(1.0, 1, {}))
+    return number, rivals
 
 
 def choose_rivals(ranking: pd.DataFrame, alike: Sequence[str], most: int, least: float) -> dict[str, float]:
@@ -237,14 +243,16 @@ def _is_usual(recorded: OutputChannel, other: OutputChannel) -> NDArray[np.bool_
     return np.asarray(np.all(slower, axis=0))
 
 
-def propose(states: Sequence[FittedChannel], rivals: Sequence[Rival], largest_jitter: float) -> Proposed | None:
+def propose(
+    states: Sequence[FittedChannel], rivals: Sequence[Rival], largest_jitter: float, lead_in_s: float = 0.0
+) -> Proposed | None:
     """Return the kinds of trials of outputs that go no faster than recorded ones, weighed, each as long as these.
 
     What is faster shows what no recorded trial did: a model is not known to hold there, whichever name is true. It
-    returns none if all are faster.
+    returns none if all are faster. Levers rest in the lead-in, where recorded trials begin with one.
     """
     first = states[0].output
-    kinds, shares = list_excitations(first.levers, len(first.measured), first.step_s, first.time_scale_s)
+    kinds, shares = list_excitations(first.levers, len(first.measured), first.step_s, first.time_scale_s, lead_in_s)
     recorded = [state.current.fit.model.output for state in states]
     outputs = [each.excite(shares) for each in recorded]
     usual = np.flatnonzero(np.all([_is_usual(*both) for both in zip(recorded, outputs, strict=True)], axis=0))

@@ -386,7 +386,7 @@ def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None, lea
     """Return which trial to record next, or why none is proposed; rivals have their present probabilities."""
     if len(rivals) < 2:
         return "No further trial is proposed, as no two names are likely enough to be told apart."
-    names = [_spell(each) if each != "none" else "nothing missing" for each in rivals]
+    names = [_spell(each) if each != "none" else "no further effect" for each in rivals]
     told = f"{', '.join(names[:-1])} and {names[-1]}"
     if weighed is None:
         return (

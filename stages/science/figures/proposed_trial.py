@@ -22,7 +22,7 @@ def draw_proposed_trial(signals: pd.DataFrame, rivals: Sequence[str]) -> Figure:
     wide = signals.pivot(index="time_s", columns="signal", values="value")
     where, channel = (str(signals[name].iloc[0]) for name in ("muscle", "channel"))
     levers = [each for each in signals["signal"].unique() if each not in rivals]
-    names = ["nothing missing" if each == "none" else spell(each) for each in rivals]
+    names = ["no further effect" if each == "none" else spell(each) for each in rivals]
     heights = {"gridspec_kw": {"height_ratios": [*(1.0 for _ in levers), 1.3, 1.7]}}
     figure, panels = new_figure(8.0, 1.1 * len(levers) + 3.6, len(levers) + 2, 1, sharex=True, **heights)
     *drives, first, last = panels[:, 0]
