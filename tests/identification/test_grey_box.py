@@ -21,7 +21,7 @@ from tests.studies import assert_refused, read_stages, run_stage
 
 CHAIN = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop"]
 SEARCH = ["measurement", "locate_gap", "name_effect", "explain_remainder", "amend_model", "verify_gap", "propose_trial"]
-STAGES = [*CHAIN, *SEARCH, "grey_box"]
+STAGES = [*CHAIN, "discrimination_trials", *SEARCH, "grey_box"]
 NAMING = ("workflow=identification_with_naming",)
 SMALL = ("subsampling.experiments=1", "active_loop.controls=[random]", "active_loop.trials=2", "rig.lead_in_s=0.0")
 """Without a lead-in friction begins at rest, as in a simulation of the recording; else its first state is not known."""
@@ -47,6 +47,7 @@ def tabulate_amendment(study, effects):
         "learned_maps": pd.DataFrame(columns=list(LEARNED_MAPS.columns)),
         "channels": pd.DataFrame({"channel": [], "muscle": [], "white": []}),
         "measured_muscles": describe_muscles(machine),
+        "discrimination_values": None,
     }
 
 
@@ -89,12 +90,19 @@ def test_effects_that_are_the_rigs_leave_little_and_the_noise_is_covered(designe
     study, stages, tables = designed
     rig = study.build("rig")
     true = [each for each in rig.plant.effects if each.effect.site != "joint"]
-    found = run_stage(study, stages["grey_box"], tmp_path, {**tables, **tabulate_amendment(study, true)})
+    first = tabulate_amendment(study, true[:1])["amended_values"].assign(trial=1)
+    given = {**tables, **tabulate_amendment(study, true), "discrimination_values": first}
+    found = run_stage(study, stages["grey_box"], tmp_path, given)
     before, after = average(unchanged), average(found)
     assert (after["amended_plant"] < 0.1 * before["amended_plant"]).all()
     assert (after["grey_box"] < 0.25 * before["gaussian_process"]).all()
     assert (after["grey_box_covered"] > 0.9).all()
     assert after["gaussian_process"].equals(before["gaussian_process"])
+    steps = found["error_by_step"].set_index(["step", "trials"])
+    one, all_of_them = (steps.loc["amended plant", trials] for trials in (4, 5))
+    for name in ("task", "bank"):
+        assert all_of_them[name] == pytest.approx(after.loc[name, "amended_plant"])
+        assert all_of_them[name] < one[name] < before.loc[name, "nominal_plant"]
     verdicts = found["grey_box_coverage"].query("rung == 'grey_box'").groupby("tested_on")["verdict"].unique()
     assert [list(verdicts[name]) for name in ("task", "bank")] == [["undecided"], ["too wide"]]
 
@@ -127,7 +135,7 @@ def test_nothing_but_the_rig_reads_what_the_rig_hides(designed, unchanged, tmp_p
     study, _, tables = designed
     other, stages = read("plant@rig_plant=nominal", "rig_plant.muscles.MAS-40.braid_angle_deg=26.0")
     told = {name for name, stage in stages.items() if other.slice(stage) != study.slice(stage)}
-    assert told == {"bank", "task", "hardware", "active_loop"}
+    assert told == {"bank", "task", "hardware", "active_loop", "discrimination_trials"}
     for name in (*SEARCH, "grey_box"):
         assert not {"rig", "rig_plant"} & set(study.slice(stages[name]))
     found = run_stage(other, stages["grey_box"], tmp_path, {**tables, **tabulate_amendment(other, [])})
@@ -137,7 +145,7 @@ def test_nothing_but_the_rig_reads_what_the_rig_hides(designed, unchanged, tmp_p
 
 def test_the_search_reads_the_initial_trials_then_those_of_the_designs_arm(designed, tmp_path):
     study, stages, tables = designed
-    found = run_stage(study, stages["measurement"], tmp_path, tables)
+    found = run_stage(study, stages["measurement"], tmp_path, {**tables, "discrimination_recordings": None})
     measured = found["measured"]
     assert found["measured_session"]["source"].item() == "hardware and active_loop"
     arms = tables["active_recordings"]["arm"].unique()
@@ -151,7 +159,7 @@ def test_the_search_reads_the_initial_trials_then_those_of_the_designs_arm(desig
 
 def test_the_search_begins_from_the_plants_own_constants(designed, tmp_path):
     study, stages, tables = designed
-    found = run_stage(study, stages["measurement"], tmp_path, tables)
+    found = run_stage(study, stages["measurement"], tmp_path, {**tables, "discrimination_recordings": None})
     measured = MeasuredTables(*(found[each.name] for each in fields(MeasuredTables)))
     cfg = study.config(stages["locate_gap"])
     parts = list_parts(measured.measured_trials, cfg.parts, cfg.discrepancy.verification_share)

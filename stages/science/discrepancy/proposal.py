@@ -53,15 +53,15 @@ def choose_round(ranking: pd.DataFrame, named: pd.DataFrame, most: int, least: f
     """Return the round of the search whose name is least sure, and the rivals that `choose_rivals` finds in it.
 
     Rows are of the tables `ranking` and `named_effects`. Rounds are looked at whose name stands, and the next one, in
-    which more is looked for beside these. A name that stands by another round is no rival: both are there. Without a
-    round in which two names are left there are no rivals.
+    which more is looked for beside these. A name that stands by another round is no rival, as both are there, unless
+    these data do not exclude it in place of the round's own. No rivals are returned where no round has two.
     """
     stand = dict(zip(named["order"], zip(named["name"], named["indistinguishable_from"], strict=True), strict=False))
     found: list[tuple[float, int, dict[str, float]]] = []
     for number in range(1, int(max(stand, default=0)) + 2):
         rows = ranking[(ranking["round"] == number) & (ranking["name"] != UNKNOWN)]
-        others = [name for order, (name, _) in stand.items() if order != number]
         alike = str(stand[number][1]).split(",") if number in stand else []
+        others = [name for order, (name, _) in stand.items() if order != number and name not in alike]
         rivals = choose_rivals(rows[~rows["name"].isin(others)], alike, most, least)
         if len(rivals) > 1:
             found.append((float(rows["probability"].max()), number, rivals))

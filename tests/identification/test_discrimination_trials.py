@@ -1,0 +1,172 @@
+"""Trials that tell names apart: executed as proposed, within the rig's limits, fitted; and none where none would."""
+
+from dataclasses import fields, replace
+from types import SimpleNamespace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from pipeline.errors import ConfigError
+from stages.identification import discrimination_trials as stage_module
+from stages.identification.discrimination_trials import NothingToTell, choose_allowed
+from stages.science.discrepancy.excitations import LEVELS
+from stages.science.discrepancy.further_trial import choose_next
+from stages.science.discrepancy.parts import list_parts
+from stages.science.plant.effect import list_effects
+from stages.science.recording.measured_tables import MeasuredTables
+from stages.science.recording.sources import read_executed, tabulate
+from tests.studies import read_stages, run_stage
+
+STAGES = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "discrimination_trials"]
+RIVALS = "transport_delay", "valve_lag"
+OTHERS = ",".join(name for name in list_effects() if name not in RIVALS)
+LATE = "rig_plant.effects=[{name: transport_delay, muscles: null, delay_s: 0.003}]"
+SMALL = (
+    "workflow=identification_with_naming",
+    "subsampling.experiments=1",
+    "active_loop.trials=4",
+    "next_trials=1",
+)
+AMBIGUOUS = (*SMALL, "plant@rig_plant=nominal", LATE, f"discrepancy.search.left_out=[{OTHERS}]")
+"""A command that acts 3 ms late, which a second lag of the valve would explain nearly as well."""
+
+
+@pytest.fixture(scope="module")
+def designed(tmp_path_factory):
+    """The study, its stages, tables of designed trials, and what a search of them proposes."""
+    study, stages = read_stages([*STAGES, "measurement"], *AMBIGUOUS)
+    folder, tables = tmp_path_factory.mktemp("designed"), {}
+    for name in STAGES[:-1]:
+        tables.update(run_stage(study, stages[name], folder, tables))
+    cfg = study.config(stages["discrimination_trials"])
+    source = read_executed(cfg.exoskeleton, tables["hardware_recordings"], tables["active_recordings"], None)
+    measured, _ = tabulate(source, cfg.exoskeleton, cfg.measurement.largest_jitter)
+    settings = cfg.parts, cfg.discrepancy, cfg.propose_trial
+    known = choose_next(cfg.plant, measured, *settings, *map(np.random.default_rng, (0, 1)), lead_in_s=1.0)
+    return study, stages, tables, known
+
+
+@pytest.fixture(scope="module")
+def executed(designed, tmp_path_factory):
+    """The stage's tables, of the same search."""
+    study, stages, tables, known = designed
+    with pytest.MonkeyPatch.context() as patched:
+        patched.setattr(stage_module, "choose_next", lambda *args: known)
+        return run_stage(study, stages["discrimination_trials"], tmp_path_factory.mktemp("executed"), tables)
+
+
+def test_the_command_does_what_was_proposed_in_the_range_of_what_was_recorded(designed, executed):
+    _, _, tables, known = designed
+    (row,) = executed["discrimination_trials"].to_dict("records")
+    assert set(row["rivals"].split(",")) == set(RIVALS)
+    assert row["excitation"] == known.weighed.spell(known.weighed.order[0]) == "motion held low; command stepped"
+    assert row["expected_before"] < row["expected_after"] <= 1.0
+    before = pd.concat([tables["hardware_recordings"], tables["active_recordings"]])
+    recorded = executed["discrimination_recordings"]
+    assert recorded["time_s"].min() == pytest.approx(-1.0)
+    for muscle, rows in recorded.groupby("muscle"):
+        its = before[before["muscle"] == muscle]
+        command = rows.loc[rows["time_s"] >= 0.0, "pressure_command_kpa"]
+        held = command[command.diff().abs() < 1e-9]
+        plateaus = held[held.diff().abs().fillna(2.0) > 1.0].to_numpy()
+        assert len(held) > 0.5 * len(command)
+        assert len(plateaus) >= 4
+        slope, least = np.polyfit(LEVELS[: len(plateaus)], plateaus, 1)
+        np.testing.assert_allclose(least + slope * np.array(LEVELS[: len(plateaus)]), plateaus, atol=1.0)
+        seen = its["pressure_command_kpa"]
+        assert seen.min() - 1e-6 <= command.min() < command.max() <= seen.max() + 1e-6
+        angle = its["joint_angle_rad"]
+        tracked = rows.loc[rows["time_s"] > 1.0, "joint_angle_rad"]
+        assert angle.min() < tracked.mean() < angle.min() + 0.3 * np.ptp(angle)
+        assert np.ptp(tracked) < 0.3 * np.ptp(angle)
+
+
+def test_what_was_executed_is_fitted_and_the_test_trials_stay_the_same(designed, executed, tmp_path):
+    study, stages, tables, _ = designed
+    cfg, parts = study.config(stages["discrimination_trials"]), {}
+    for name, more in (("without", {}), ("with", executed)):
+        given = {**tables, "discrimination_recordings": None, **more}
+        found = run_stage(study, stages["measurement"], tmp_path, given)
+        measured = MeasuredTables(*(found[each.name] for each in fields(MeasuredTables)))
+        rows = list_parts(measured.measured_trials, cfg.parts, cfg.discrepancy.verification_share)
+        parts[name] = rows.set_index("trial")["part"]
+    assert list(parts["with"].index) == [*parts["without"].index, 6]
+    assert parts["with"][6] == "fitted"
+    pd.testing.assert_series_equal(parts["with"][:6], parts["without"])
+
+
+class Limited:
+    """A rig whose limits allow but a few of the banks that it is asked for."""
+
+    def __init__(self, rig, allowed):
+        self.rig, self.allowed, self.asked = rig, allowed, []
+
+    def __getattr__(self, name):
+        return getattr(self.rig, name)
+
+    def check_bank(self, samples, by):
+        self.asked.append(samples[by].iloc[0])
+        if len(self.asked) not in self.allowed:
+            raise ValueError("too fast")
+
+
+def choose(designed, allowed=(1,), **changed):
+    study, stages, tables, known = designed
+    cfg = study.config(stages["discrimination_trials"])
+    cfg = cfg.model_copy(update={"propose_trial": cfg.propose_trial.model_copy(update=changed)})
+    rig = Limited(study.build("rig"), allowed)
+    resting = tables["hardware_recordings"].groupby("muscle")[["pressure_command_kpa", "joint_angle_rad"]].mean()
+    return choose_allowed(known, cfg, rig, 1.0, resting, np.random.default_rng(3)), rig.asked
+
+
+def test_the_best_trial_that_the_rigs_limits_allow_is_executed(designed):
+    order = designed[3].weighed.order
+    (chosen, rows), asked = choose(designed, (4,))
+    assert (chosen, asked) == (order[3], order[:4])
+    assert rows.groupby("muscle").size().tolist() == [1000] * 4
+    with pytest.raises(NothingToTell):
+        choose(designed, ())
+
+
+def test_no_trial_is_executed_that_tells_too_little_and_random_ones_are_any(designed):
+    with pytest.raises(NothingToTell):
+        choose(designed, least_gain=0.9)
+    (chosen, _), asked = choose(designed, choice="random")
+    assert asked == [chosen]
+    assert chosen != designed[3].weighed.order[0]
+    settled = replace(designed[3], weighed=None)
+    with pytest.raises(NothingToTell):
+        choose((*designed[:3], settled))
+
+
+def test_without_trials_the_rig_is_left_alone(designed, tmp_path):
+    tables = designed[2]
+    none, stages = read_stages(STAGES, *AMBIGUOUS, "next_trials=0")
+    found = run_stage(none, stages["discrimination_trials"], tmp_path, tables, rig=object())
+    assert all(each.empty for each in found.values())
+
+
+def test_a_rig_of_recorded_trials_cannot_execute_others(designed, tmp_path):
+    study, stages, tables, _ = designed
+    with pytest.raises(ConfigError, match="next_trials: expected 0, as SimpleNamespace returns trials as they"):
+        run_stage(study, stages["discrimination_trials"], tmp_path, tables, rig=SimpleNamespace(recorded=True))
+
+
+@pytest.mark.slow
+def test_a_further_trial_is_added_to_those_that_there_are(pamid):
+    small = (*AMBIGUOUS, "budget=tiny", "active_loop.trials=4", "figures=[]")
+    first = pamid(*small, "stages=[bank,subsampling,hyperprior,task,hardware,active_loop,discrimination_trials]")
+    assert first.returncode == 0, first.stderr
+    again = pamid(*small, "next_trials=2")
+    assert again.returncode == 0, again.stderr
+    one, two = (pd.read_parquet(run / "tables/discrimination_recordings.parquet") for run in pamid.runs)
+    assert list(two["trial"].unique()) == [1, 2]
+    pd.testing.assert_frame_equal(two[two["trial"] == 1], one)
+    steps = pd.read_parquet(pamid.runs[-1] / "tables/error_by_step.parquet")
+    amended = steps[steps["step"] == "amended plant"]
+    assert list(amended["trials"]) == [6, 7, 8]
+    summary = pd.read_parquet(pamid.runs[-1] / "tables/grey_box_summary.parquet").query("muscle == 'mean'")
+    rates = summary.set_index("tested_on")["amended_plant"]
+    last = steps[steps["step"] == "amended plant and learned maps"].iloc[0]
+    assert [last["task"], last["bank"]] == pytest.approx([rates["task"], rates["bank"]])
