@@ -23,7 +23,7 @@ from tests.studies import read_stages, run_stage
 
 BEFORE = ["bank", "subsampling", "hyperprior", "task", "hardware"]
 STAGES = [*BEFORE, "active_loop", "comparison", "participant_differences", "tracking_delay"]
-FEATURES = ["contraction_stop", "contraction_highpass"]
+FEATURES = ["contraction_stop_narrow", "contraction_stop", "contraction_stop_wide", "contraction_highpass"]
 TABLES = """
 bank candidates references initial_trials hyperprior scaling task task_movements
 hardware_recordings protocol_recordings executed_by

@@ -10,7 +10,7 @@ from tests.studies import assert_refused, read_stages, run_stage
 
 CHAIN = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "comparison"]
 DESIGNED = ["active_loop.controls=[random]"]
-FEATURES = ["contraction_stop", "contraction_highpass"]
+FEATURES = ["contraction_stop_narrow", "contraction_stop", "contraction_stop_wide", "contraction_highpass"]
 
 
 @pytest.fixture(scope="module")
@@ -26,7 +26,7 @@ def designed(tmp_path_factory):
 
 def test_models_stand_on_features_of_the_past_and_are_tested_on_the_task(designed):
     _, _, tables = designed
-    assert list(tables["points"].columns[-2:]) == list(tables["task"].columns[-2:]) == FEATURES
+    assert list(tables["points"].columns[-4:]) == list(tables["task"].columns[-4:]) == FEATURES
     assert set(tables["hyperprior"]["hyperparameter"]) > {f"log_length_{name}" for name in FEATURES}
     curve = tables["learning_curve"].groupby(["tested_on", "arm", "trial"])["error_rate"].mean()
     for arm in ("integrated_variance", "random"):

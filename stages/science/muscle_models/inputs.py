@@ -25,6 +25,7 @@ class InputConstants(BaseModel):
     model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     stop_width: PositiveFloat = Field(le=1, description="half the width of the play, of contraction, 1")
+    stop_ratio: float = Field(gt=1, le=100, description="a wide play over it, and it over a narrow play, 1")
     highpass_s: PositiveFloat = Field(le=3600, description="time constant of high-passes, s")
     direction_per_s: PositiveFloat = Field(description="contraction velocity at which its direction has turned, 1/s")
 
@@ -44,9 +45,12 @@ class Feature(NamedTuple):
     of_pressure: bool = False
 
 
-def _stop(signals: Mapping[str, Array], step_s: float, constants: InputConstants) -> Array:
-    contraction = signals["contraction"]
-    return np.asarray(contraction - follow_play(contraction[:, None], constants.stop_width)[:, 0])
+def _stop(power: int) -> Callable[[Mapping[str, Array], float, InputConstants], Array]:
+    def follow(signals: Mapping[str, Array], step_s: float, constants: InputConstants) -> Array:
+        contraction, width = signals["contraction"], constants.stop_width * constants.stop_ratio**power
+        return np.asarray(contraction - follow_play(contraction[:, None], width)[:, 0])
+
+    return follow
 
 
 def _highpass(name: str) -> Callable[[Mapping[str, Array], float, InputConstants], Array]:
@@ -70,9 +74,16 @@ FEATURES = {
     "pressure": Feature(PRESSURE, "kPa", "measured pressure", of_pressure=True),
     "contraction": Feature(CONTRACTION, "1", "measured contraction"),
     "contraction_velocity": Feature(VELOCITY, "1/s", "measured contraction velocity"),
-    "contraction_stop": Feature(
-        "contraction_stop", "1", "contraction less its play operator, which dry friction follows", _stop
-    ),
+    **{
+        f"contraction_stop{size}": Feature(
+            f"contraction_stop{size}", "1", f"contraction less its {play}, which dry friction follows", _stop(power)
+        )
+        for size, play, power in (
+            ("_narrow", "narrow play operator", -1),
+            ("", "play operator", 0),
+            ("_wide", "wide play operator", 1),
+        )
+    },
     "contraction_highpass": Feature(
         "contraction_highpass", "1", "contraction less its first-order lag, which creep follows", _highpass(CONTRACTION)
     ),
@@ -82,8 +93,8 @@ FEATURES = {
     "direction": Feature("direction", "1", "tanh of contraction velocity, which sliding friction follows", _direction),
     "pressure_rate": Feature("pressure_rate_kpa_per_s", "kPa/s", "rate of pressure", _pressure_rate, of_pressure=True),
 }
-"""Inputs by name. The play operator and first-order lags are the generic memories of Brokate and Sprekels, Hysteresis
-and Phase Transitions (1996), and of linear viscoelasticity."""
+"""Inputs by name. Play operators of several widths (Prandtl and Ishlinskii) and first-order lags are the generic
+memories of Brokate and Sprekels, Hysteresis and Phase Transitions (1996), and of linear viscoelasticity."""
 
 
 def describe_features() -> dict[str, pa.Column]:
@@ -102,7 +113,9 @@ Name = Literal[
     "pressure",
     "contraction",
     "contraction_velocity",
+    "contraction_stop_narrow",
     "contraction_stop",
+    "contraction_stop_wide",
     "contraction_highpass",
     "pressure_highpass",
     "direction",

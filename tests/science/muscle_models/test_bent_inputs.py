@@ -12,7 +12,8 @@ from stages.science.signals.scaling import MODEL_INPUTS, Scaling
 
 RATE_HZ, SAMPLES, PER_RAD = 100.0, 400, {"pam1": -0.12, "pam2": 0.14}
 MODEL = ModelSettings(
-    inputs=list(FEATURES), constants=InputConstants(stop_width=0.015, highpass_s=1.0, direction_per_s=0.02)
+    inputs=list(FEATURES),
+    constants=InputConstants(stop_width=0.015, stop_ratio=3.0, highpass_s=1.0, direction_per_s=0.02),
 )
 COLUMNS = tuple(each.column for each in MODEL.features)
 TIME_S = np.arange(SAMPLES) / RATE_HZ

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 
 from stages.science.muscle_models.inputs import FEATURES, InputConstants, ModelSettings
 
-CONSTANTS = InputConstants(stop_width=0.02, highpass_s=0.5, direction_per_s=0.1)
+CONSTANTS = InputConstants(stop_width=0.02, stop_ratio=4.0, highpass_s=0.5, direction_per_s=0.1)
 STEP_S = 0.01
 
 
@@ -29,12 +29,16 @@ def extend(recording, *inputs):
     return ModelSettings(inputs=list(inputs), constants=CONSTANTS).extend(recording, ["trajectory"])
 
 
-def test_the_stop_follows_contraction_after_a_reversal_and_ends_at_its_width():
+@pytest.mark.parametrize(
+    ("name", "width"),
+    [("contraction_stop_narrow", 0.005), ("contraction_stop", 0.02), ("contraction_stop_wide", 0.08)],
+)
+def test_a_stop_follows_contraction_after_a_reversal_and_ends_at_its_width(name, width):
     there, back = np.linspace(0.1, 0.2, 51), np.linspace(0.2, 0.1, 51)[1:]
-    found = extend(make_recording(np.concatenate([there, back])), "contraction_stop")["contraction_stop"].to_numpy()
-    moved = np.concatenate([there - 0.1, 0.02 - (0.2 - back)])
-    np.testing.assert_allclose(found[:51], np.minimum(moved[:51], 0.02), atol=1e-12)
-    np.testing.assert_allclose(found[51:], np.maximum(moved[51:], -0.02), atol=1e-12)
+    found = extend(make_recording(np.concatenate([there, back])), name)[name].to_numpy()
+    moved = np.concatenate([there - 0.1, width - (0.2 - back)])
+    np.testing.assert_allclose(found[:51], np.minimum(moved[:51], width), atol=1e-12)
+    np.testing.assert_allclose(found[51:], np.maximum(moved[51:], -width), atol=1e-12)
 
 
 def test_a_high_pass_forgets_a_step_with_its_time_constant():
