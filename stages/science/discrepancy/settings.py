@@ -2,7 +2,6 @@
 
 import keyword
 import re
-from importlib.util import find_spec
 from typing import Literal, Self
 
 from pydantic import Field, field_validator, model_validator
@@ -130,14 +129,6 @@ class DescriptionSettings(Declared):
     pseudo_inputs: int = Field(ge=2, le=200)
     most_terms: int = Field(ge=1, le=10)
     least_own: float = Field(ge=0.0, le=1.0)
-    regression: Literal["stepwise", "pysindy"]
-
-    @field_validator("regression")
-    @classmethod
-    def _is_installed(cls, chosen: str) -> str:
-        if chosen == "pysindy" and find_spec("pysindy") is None:
-            raise ValueError('pysindy is not installed: pip install -e ".[sketch]", or choose stepwise')
-        return chosen
 
 
 def choose_verification(trials: int, share: float) -> list[int]:

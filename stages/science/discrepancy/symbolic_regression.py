@@ -4,7 +4,6 @@ A fitted model and a few inputs flow in; out flow the terms that predict trials 
 nominal constants, and the parameters of effects already named, may change along with the weights.
 """
 
-import warnings
 from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
@@ -22,8 +21,6 @@ from stages.science.signals.trajectories import Array
 DEGREE = 3
 MOST_ROWS = 100_000
 """Samples that terms are fitted to, at most."""
-THRESHOLDS = (0.8, 0.4, 0.2, 0.1, 0.05)
-"""Of pysindy's optimiser: weights below them are cut, each term over its own root mean square, the residual too."""
 
 
 @dataclass(frozen=True)
@@ -52,14 +49,8 @@ class Sketch:
 def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSettings) -> Sketch:
     """Return a short formula for what a fitted model leaves.
 
-    Only the inputs may stand in it. The settings say how many terms it may have, and how they are chosen: ``stepwise``
-    by orthogonal least squares (Chen, Billings and Luo, Int. J. Control 50, 1989), or by ``pysindy``, with the
-    sequentially thresholded least squares of that package (Brunton, Proctor and Kutz, PNAS 113, 2016).
-
-    Raises
-    ------
-    ImportError
-        When pysindy is asked for and not installed.
+    Only the inputs may stand in it. The settings say how many terms it may have; they are chosen by orthogonal least
+    squares (Chen, Billings and Luo, Int. J. Control 50, 1989).
 
     Notes
     -----
@@ -153,15 +144,14 @@ class _Sums:
 
     def list_supports(self, sums: Array, settings: DescriptionSettings) -> list[list[int]]:
         """Return the terms of formulas of growing length; the first has none."""
-        held, most, least_own = self.held, settings.most_terms, settings.least_own
+        held, least_own = self.held, settings.least_own
         beside = sums[:held, held:]
         among = sums[:held, :held] + np.eye(held)
         rest = sums[held:, held:] - beside.T @ np.linalg.solve(among, beside)  # what slopes do not imitate
         confounded = np.diag(rest) < least_own * np.maximum(np.diag(sums)[held:], 1e-300)
         confounded[-1] = False
         rest = np.where(confounded | confounded[:, None], 0.0, rest)
-        stepwise = settings.regression == "stepwise"
-        return [[], *(_add_stepwise(rest, most, least_own) if stepwise else _threshold(rest, most))]
+        return [[], *_add_stepwise(rest, settings.most_terms, least_own)]
 
 
 def _add_stepwise(sums: Array, most: int, least_own: float) -> list[list[int]]:
@@ -178,29 +168,6 @@ def _add_stepwise(sums: Array, most: int, least_own: float) -> list[list[int]]:
             chosen = [*chosen, best]
             rest -= np.outer(rest[:, best], rest[best]) / rest[best, best]
         supports.append(chosen)
-    return supports
-
-
-def _threshold(sums: Array, most: int) -> list[list[int]]:
-    """Return the terms that sequentially thresholded least squares keep, from the highest threshold to the lowest."""
-    from pysindy.optimizers import STLSQ
-
-    own = np.diag(sums)[:-1]
-    kept = np.flatnonzero(own > 0.0)
-    if not len(kept):
-        return [[] for _ in THRESHOLDS]
-    size = np.sqrt(own[kept])
-    among = sums[np.ix_(kept, kept)] / size / size[:, None]
-    whole = float(np.sqrt(sums[-1, -1]))
-    lower = np.linalg.cholesky(among + 1e-9 * np.eye(len(kept)))
-    target = np.linalg.solve(lower, sums[kept, -1] / size / whole)
-    supports = []
-    for threshold in THRESHOLDS:
-        with warnings.catch_warnings():
-            warnings.simplefilter("ignore")  # it warns where a threshold cuts all
-            weights = STLSQ(threshold=threshold, alpha=1e-3).fit(lower.T, target).coef_[0]
-        order = np.argsort(-np.abs(weights), kind="stable")[:most]
-        supports.append([int(kept[k]) for k in order if weights[k] != 0.0])
     return supports
 
 

@@ -1,7 +1,6 @@
 """On which inputs a residual depends, and a formula for it: what was planted is found, noise is left alone."""
 
 from dataclasses import replace
-from importlib.util import find_spec
 
 import numpy as np
 import pandas as pd
@@ -13,7 +12,6 @@ from stages.science.discrepancy.dependence import find_dependence, find_range, f
 from stages.science.discrepancy.description import average_dependence, describe, measure_share, tabulate
 from stages.science.discrepancy.report_text import describe_remainder
 from stages.science.discrepancy.resampling import resample
-from stages.science.discrepancy.settings import DescriptionSettings
 from stages.science.discrepancy.symbolic_regression import sketch_residual
 from stages.science.output_channels.features import list_inputs
 from stages.science.output_channels.fitting import Model, fit
@@ -115,12 +113,6 @@ def test_the_range_is_the_shortest_that_holds_half(generator):
     assert everywhere.part == pytest.approx(everywhere.time, abs=0.01)
 
 
-REGRESSIONS = [
-    "stepwise",
-    pytest.param("pysindy", marks=pytest.mark.skipif(find_spec("pysindy") is None, reason="extra sketch")),
-]
-
-
 def fit_line(seed, shape=None):
     """The toy's line fitted to a line plus a shape of x and its rate; and the inputs."""
     output = make_toy(seed, trials=TRIALS, noise=NOISE)
@@ -131,7 +123,6 @@ def fit_line(seed, shape=None):
     return fit(model, make_plain(NOISE), model.start), output.drivers()
 
 
-@pytest.mark.parametrize("regression", REGRESSIONS)
 @pytest.mark.parametrize(
     ("shape", "terms"),
     [
@@ -140,13 +131,12 @@ def fit_line(seed, shape=None):
         (lambda x, v: 0.1 * x * v, {"x*[x rate]": 0.1}),
     ],
 )
-def test_planted_terms_come_back_with_their_weights(shape, terms, regression):
+def test_planted_terms_come_back_with_their_weights(shape, terms):
     fitted, inputs = fit_line(2, shape)
-    found = sketch_residual(fitted, inputs, DESCRIPTION.model_copy(update={"regression": regression}))
+    found = sketch_residual(fitted, inputs, DESCRIPTION)
     assert dict(found.terms) == pytest.approx(terms, rel=0.1)
     assert found.after.sum() < 0.5 * found.before.sum()
-    if regression == "stepwise":
-        assert found.after.sum() == pytest.approx(NOISE**2 * fitted.residual.size, rel=0.1)
+    assert found.after.sum() == pytest.approx(NOISE**2 * fitted.residual.size, rel=0.1)
 
 
 def test_a_direction_is_told():
@@ -157,11 +147,10 @@ def test_a_direction_is_told():
     assert weight == pytest.approx(0.4, rel=0.2)
 
 
-@pytest.mark.parametrize("regression", REGRESSIONS)
 @pytest.mark.parametrize("seed", range(6))
-def test_noise_has_no_formula(seed, regression):
+def test_noise_has_no_formula(seed):
     fitted, inputs = fit_line(seed)
-    found = sketch_residual(fitted, inputs, DESCRIPTION.model_copy(update={"regression": regression}))
+    found = sketch_residual(fitted, inputs, DESCRIPTION)
     assert not found.terms or measure_share(found.before, found.after, WEIGHTS, 0.95).low <= 0.0
 
 
@@ -200,9 +189,3 @@ def test_of_noise_nothing_is_told_but_that():
     assert not describe_remainder(table, "no_discrepancy", DISCREPANCY.report)
     assert not describe_remainder(table[:0], "named", DISCREPANCY.report)
     assert "hardly above the noise floor" in describe_remainder(table[:0], "unexplained", DISCREPANCY.report)[0]
-
-
-def test_pysindy_is_asked_for_only_where_it_is():
-    if find_spec("pysindy") is None:
-        with pytest.raises(ValueError, match="pysindy is not installed"):
-            DescriptionSettings(**{**DESCRIPTION.model_dump(), "regression": "pysindy"})
