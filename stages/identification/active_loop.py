@@ -9,7 +9,7 @@ choose trajectories and in nothing else.
 """
 
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import partial
 from itertools import count
 from typing import Annotated, Any, ClassVar, Self
@@ -32,7 +32,7 @@ from stages.science.gp.utility_names import name_utility
 from stages.science.muscle_models.bent_inputs import Search
 from stages.science.muscle_models.description import describe_choice, describe_models
 from stages.science.muscle_models.error_rates import ForceTest
-from stages.science.muscle_models.expected_errors import Spread, forecast_error
+from stages.science.muscle_models.expected_errors import Seen, Spread, forecast_error, thin
 from stages.science.muscle_models.inputs import ModelSettings, describe_features
 from stages.science.muscle_models.loop_settings import DesignSettings, Movements, Utility, refuse_repeats
 from stages.science.muscle_models.muscle_set import MuscleSet
@@ -468,6 +468,8 @@ class Loop:
     experiment: int
     arm: str
     first: int
+    seen: dict[int, Seen] = field(default_factory=dict)
+    """Of executed trials, what expected errors are told from."""
 
     def run(self) -> list[str]:
         """Run all trials, each from what the earlier ones left on disk; return the keys of their parts."""
@@ -560,10 +562,13 @@ class Loop:
             return {}
         section = self.cfg.active_loop
         known = pd.concat([*(part["points"] for part in landed), *points], ignore_index=True)
-        executed = [keep_usable(self.cfg.model.extend(part["active_recordings"], [])) for part in landed]
-        forecast = forecast_error(
-            told.models, self.tasks, self.muscles, known, [*executed, usable], section.expected_error
-        )
+        self.seen[trial] = thin(usable, self.muscles)
+        for number, part in enumerate(landed, 1):
+            if number not in self.seen:
+                rows = keep_usable(self.cfg.model.extend(part["active_recordings"], []))
+                self.seen[number] = thin(rows, self.muscles)
+        executed = [self.seen[number] for number in range(1, trial + 1)]
+        forecast = forecast_error(told.models, self.tasks, self.muscles, known, executed, section.expected_error)
         low, high = forecast.interval
         columns = {"expected_error": forecast.median, "expected_low": low, "expected_high": high}
         if section.until.gain_percent is not None:

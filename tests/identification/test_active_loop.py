@@ -104,7 +104,7 @@ def test_error_rates_are_those_of_a_model_rebuilt_from_the_tables(run):
     def standard(frame, names):
         return ((frame[names] - scaling.loc[names, "centre"]) / scaling.loc[names, "scale"]).to_numpy()
 
-    kernel = ConstantKernel(np.exp(2 * theta[5])) * RBF(np.exp(theta[:5])) + WhiteKernel(np.exp(2 * theta[6]))
+    kernel = ConstantKernel(np.exp(2 * theta[-2])) * RBF(np.exp(theta[:-2])) + WhiteKernel(np.exp(2 * theta[-1]))
     model = GaussianProcessRegressor(kernel, optimizer=None, alpha=0.0)
     model.fit(standard(points, inputs), standard(points, ["force_n"])[:, 0])
     centre, scale = scaling.loc["force_n", ["centre", "scale"]]

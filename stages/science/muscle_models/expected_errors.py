@@ -101,12 +101,23 @@ class ErrorForecast:
         return self.spread.probability_below(limit, self.median, self.interval[1], len(self.left_out))
 
 
+Seen = Sequence[tuple[Array, Array]]
+"""Standardised inputs, (S, D), and outputs, (S,), of each muscle in a trial."""
+
+
+def thin(samples: pd.DataFrame, muscles: MuscleSet) -> Seen:
+    """Return samples of each muscle in an executed trial, evenly spread, for `forecast_error`."""
+    inputs, outputs = muscles.standardise(samples)
+    rows = [place_evenly(min(SAMPLES, len(each)), len(each)) for each in outputs]
+    return [(x[own], y[own]) for x, y, own in zip(inputs, outputs, rows, strict=True)]
+
+
 def forecast_error(
     models: Sequence[MarginalGP],
     tasks: Sequence[Array],
     muscles: MuscleSet,
     points: pd.DataFrame,
-    executed: Sequence[pd.DataFrame],
+    executed: Sequence[Seen],
     spread: Spread,
 ) -> ErrorForecast:
     """Return the error rate to be expected on the task.
@@ -119,19 +130,15 @@ def forecast_error(
         Names and scalings.
     points : DataFrame
         Rows of the table `points`, those of a muscle in the order of its model's.
-    executed : sequence over K trials of DataFrame
-        Their recordings, trial 1 first.
+    executed : sequence over K trials
+        What `thin` returns of their recordings, trial 1 first.
     spread : Spread
         Of measured over expected errors, before any trial.
     """
-    standard = [muscles.standardise(each) for each in executed]
     expected, rates, left_out = [], [], []
     for m, (name, scaling, model) in enumerate(zip(muscles.names, muscles.scalings, models, strict=True)):
         trials = points.loc[points["muscle"] == name, "trial"].to_numpy() - 1
-        samples = []
-        for inputs, outputs in standard:
-            rows = place_evenly(min(SAMPLES, len(inputs[m])), len(inputs[m]))
-            samples.append((inputs[m][rows], outputs[m][rows]))
+        samples = [seen[m] for seen in executed]
         force = scaling.restore_force(model.predict_mean(tasks[m]))
         rates.append(float(np.ptp(scaling.restore_force(np.array([0.0, 1.0])))) / float(np.abs(force).max()))
         expected.append(expect_error(model, tasks[m]))

@@ -40,7 +40,8 @@ def arrange(samples: pd.DataFrame, column: str, rig: Rig) -> Array:
     ValueError
         When a muscle of the rig is not in the samples.
     """
-    missing = [name for name in rig.muscles if name not in set(samples["muscle"])]
+    known = set(samples["muscle"].unique())
+    missing = [name for name in rig.muscles if name not in known]
     if missing:
         raise ValueError(
             f"expected samples of every muscle of the rig ({', '.join(rig.muscles)}), got none of {missing}"

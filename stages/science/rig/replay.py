@@ -197,7 +197,7 @@ class ReplayRig(Rig):
 
     def _place(self, rows: pd.DataFrame, muscles: pd.DataFrame) -> pd.DataFrame:
         """Return the rows of a trial on the exoskeleton's clock, with all that follows from them."""
-        missing = [each for each in self.muscles if each not in set(rows["muscle"])]
+        missing = [each for each in self.muscles if each not in set(rows["muscle"].unique())]
         if missing:
             raise RecordingError(f"column muscle: expected rows of every muscle, got none of {', '.join(missing)}")
         rows = assume_conduct(rows[rows["muscle"].isin(self.muscles)])

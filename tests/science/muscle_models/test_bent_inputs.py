@@ -42,7 +42,7 @@ ANGLE = 0.5 + 0.3 * np.sin(3.0 * TIME_S)
 COMMANDS = {"pam1": 150.0 + 60.0 * np.cos(2.0 * TIME_S), "pam2": 300.0 + 100.0 * np.sin(1.5 * TIME_S)}
 ROWS = make_rows(ANGLE, COMMANDS)
 THINNED = ROWS[ROWS.groupby("muscle").cumcount() % 4 == 0]
-SCALING = Scaling(COLUMNS, np.arange(8.0), 1.0 + np.arange(8.0), 0.0, 1.0)
+SCALING = Scaling(COLUMNS, np.arange(10.0), 1.0 + np.arange(10.0), 0.0, 1.0)
 
 
 @pytest.mark.parametrize("muscle", list(PER_RAD))

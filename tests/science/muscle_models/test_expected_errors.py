@@ -6,7 +6,7 @@ import pytest
 
 from stages.science.gp.marginal import condition
 from stages.science.muscle_models.error_rates import ForceTest
-from stages.science.muscle_models.expected_errors import ErrorForecast, Spread, forecast_error
+from stages.science.muscle_models.expected_errors import ErrorForecast, Spread, forecast_error, thin
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.signals.scaling import MODEL_INPUTS
 from tests.science.muscle_models.data import HYPERPARAMETERS, make_tables
@@ -90,7 +90,8 @@ def test_the_error_that_comes_is_the_one_that_was_expected(unmodelled_n, surer_t
         points = pd.concat([each.groupby("muscle").head(8).assign(trial=k) for k, each in enumerate(trials[:11])])
         known = zip(*muscles.standardise(points), muscles.priors, strict=True)
         models = [condition(x, y, theta, prior) for x, y, prior in known]
-        told = forecast_error(models, muscles.inputs_of(task), muscles, points, trials[1:11], SPREAD)
+        seen = [thin(each, muscles) for each in trials[1:11]]
+        told = forecast_error(models, muscles.inputs_of(task), muscles, points, seen, SPREAD)
         rate = np.mean(ForceTest.read("task", task, muscles).error_rates(models))
         low, high = told.interval
         inside.append(low < rate < high)
