@@ -74,7 +74,7 @@ def further_trials(
             generators = ctx.generator("trials", taken), ctx.generator("unexplained", taken)
             known = choose_next(cfg.plant, list_tables(recorded, session_machine), *settings, *generators)
             weighed = known.weighed
-            if weighed is None:
+            if weighed is None or known.question is None:
                 break
             chosen = weighed.order[0]
             if cfg.propose_trial.choice == "random":
@@ -86,8 +86,8 @@ def further_trials(
                 {
                     "trial": samples["trial"].iloc[0],
                     "excitation": weighed.spell(chosen),
-                    "rivals": ",".join(known.rivals),
-                    "probability": known.leading,
+                    "rivals": ",".join(known.question.rivals),
+                    "probability": known.question.leading,
                     "expected_before": weighed.expected_now,
                     "expected_after": weighed.probability[chosen],
                     "evidence": weighed.mean_evidence[chosen],

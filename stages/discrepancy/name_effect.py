@@ -53,6 +53,7 @@ DECISION = Table(
 )
 EFFECT_COLUMNS = {
     "order": column(int, "of addition", low=1),
+    "round": column(int, "of the search that added it; 0 where exact values show it", low=0),
     "name": column(str, "of the effect"),
     "form": column(str, "its form"),
     "site": column(str, "where it acts"),
@@ -124,8 +125,8 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
     rows: list[list[Any]] = [
         rank_first(found, decision.doubt, settings.report.most_confounded),
         [{name: getattr(decision, name) for name in DECISION.columns}],
-        list_named(decision.effects),
-        list_named(decision.suspected),
+        list_named(decision.effects, found.named),
+        list_named(decision.suspected, found.named),
         left,
         list_steps(decision.steps),
     ]

@@ -5,6 +5,8 @@ of excitation with the evidence that it promises, the best first; `proposed_sign
 best, and what each rival predicts there; and `proposal`, the same in words. Nothing is recorded.
 """
 
+from collections.abc import Mapping
+
 import numpy as np
 import pandas as pd
 
@@ -70,16 +72,19 @@ def propose_trial(
     residuals: pd.DataFrame,
     ranking: pd.DataFrame,
     ctx: Context,
+    hardware_recordings: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Weigh kinds of excitation by how well they would tell the leading names apart."""
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, cfg.discrepancy)
     given, written, weighed = cfg.propose_trial, {}, None
-    number, chosen = choose_round(ranking, found.named_effects, given.rivals, given.least_probability)
-    if chosen and dataset.outputs[0].levers:
+    question = choose_round(ranking, found.named_effects, given.rivals, given.least_probability)
+    chosen: Mapping[str, float] = {} if question is None else question.rivals
+    if question is not None and dataset.outputs[0].levers:
         nominal = restore_states(dataset, NominalTables(nominal_fit, found.channels, residuals))
-        states = [found.resume(state, number - 1) for state in nominal]
+        states = [found.resume(state, question.standing) for state in nominal]
         rivals = [fit_rival(states, name, probability) for name, probability in chosen.items()]
-        weighed = propose(states, rivals, cfg.discrepancy.search.largest_jitter)
+        lead_in_s = 0.0 if hardware_recordings is None else max(-float(hardware_recordings["time_s"].min()), 0.0)
+        weighed = propose(states, rivals, cfg.discrepancy.search.largest_jitter, lead_in_s)
     if weighed is not None:
         written[PROPOSED_TRIALS.name] = list_trials(weighed)
     if weighed is not None and weighed.gain >= given.least_gain:

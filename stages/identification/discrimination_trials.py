@@ -2,25 +2,29 @@
 
 In: the initial trials and those of the design's arm, and the rig. Out, one part per trial: `discrimination_trials`
 (what each was chosen for), `discrimination_recordings`, and `discrimination_values` (the plant as the search amended it
-before the trial). Fewer trials are executed where no two names are left to tell apart, or where none tells enough.
+before the trial); and `discrimination_end`. Fewer trials are executed where no two names are left to tell apart, or
+where none tells enough.
 """
 
-from functools import partial
-from typing import Annotated
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from functools import cache, partial
+from pydoc import locate
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import Field
+from pydantic import Field, model_validator
 
-from pipeline.config import Section, Target
+from pipeline.config import Section, Target, View
 from pipeline.context import Context
-from pipeline.errors import ConfigError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.further_trial import NextTrial, choose_next, drive
 from stages.science.discrepancy.parts import Parts
 from stages.science.discrepancy.proposal import ProposalSettings, Proposed
 from stages.science.discrepancy.ranking import list_steps
+from stages.science.discrepancy.report_text import join_names
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.plant import Plant
@@ -36,18 +40,22 @@ DRIVEN = ("pressure_command_kpa", "joint_angle_rad")
 TRIAL = column(int, "order of execution", low=1)
 DISCRIMINATION_TRIALS = Table(
     "discrimination_trials",
-    "A trial that was executed to tell names apart, and what was known before it",
+    "Trials that were executed to tell names apart, and what was known before each",
     {
         "participant": column(str, "who tracked"),
         "trial": TRIAL,
         "excitation": column(str, "what the joints' motion and the commands do"),
-        "rivals": column(str, "names that it was to tell apart, the leading one first, by comma"),
-        "probability": column(float, "of the leading name before it", low=0, high=1),
-        "expected_before": column(float, "expected of the true one among the rivals, before it", low=0, high=1),
+        "rivals": column(str, "names that it was to tell apart, with their probabilities, scaled to 1"),
+        "expected_before": column(float, "expected probability of the true one of these, before it", low=0, high=1),
         "expected_after": column(float, "the same, after it", low=0, high=1),
-        "named": column(str, "effects that stood before it, by comma"),
+        "stood_before": column(str, "effects that were named before it, by comma"),
     },
     key=("trial",),
+)
+DISCRIMINATION_END = Table(
+    "discrimination_end",
+    "How many trials were executed to tell names apart, and why no more",
+    {"executed": column(int, "trials (count)", low=0), "reason": column(str, "why no more")},
 )
 DISCRIMINATION_RECORDINGS = Table(
     "discrimination_recordings",
@@ -71,8 +79,28 @@ DISCRIMINATION_VALUES = Table(
 )
 
 
+class Executable(View):
+    """Trials are searched that were executed, on a rig that can execute others."""
+
+    measured: str | None
+    next_trials: int
+    rig: dict[str, Any]
+
+    @model_validator(mode="after")
+    def _can_execute(self) -> Self:
+        if self.next_trials and self.measured is not None:
+            raise ValueError("next_trials: expected 0, as measured=PATH is searched; set next_trials=0")
+        if self.next_trials and getattr(locate(str(self.rig["_target_"])), "recorded", False):
+            raise ValueError(
+                "next_trials: expected 0, as this rig returns trials as they were once recorded; set next_trials=0"
+            )
+        return self
+
+
 class Config(Section):
     """What this stage reads."""
+
+    checks: ClassVar = (Executable,)
 
     discrepancy: DiscrepancySettings
     exoskeleton: Exoskeleton
@@ -89,6 +117,7 @@ class Config(Section):
     DISCRIMINATION_TRIALS,
     DISCRIMINATION_RECORDINGS,
     DISCRIMINATION_VALUES,
+    DISCRIMINATION_END,
     stream="discrimination_trials",
     extent=("next_trials",),
 )
@@ -96,78 +125,95 @@ def discrimination_trials(
     cfg: Config, hardware_recordings: pd.DataFrame, active_recordings: pd.DataFrame, ctx: Context
 ) -> dict[str, pd.DataFrame]:
     """Search, choose a trial, execute it, and search again."""
-    rig: Rig = ctx.device
-    if cfg.next_trials == 0:
-        return list_none()
-    if rig.recorded:
-        raise ConfigError(
-            f"next_trials: expected 0, as {type(rig).__name__} returns trials as they were once recorded and executes "
-            "no other; set next_trials=0"
-        )
+    tables = {each.name: pd.DataFrame(columns=list(each.columns)) for each in discrimination_trials.writes}
     landed: list[dict[str, pd.DataFrame]] = []
-    with rig, ctx.progress("trials that tell names apart", cfg.next_trials) as advance:
-        for number in range(1, cfg.next_trials + 1):
-            make = partial(execute_next, cfg, hardware_recordings, active_recordings, landed, number, rig, ctx)
-            try:
-                landed.append(until_kept(partial(ctx.record.part, (f"{number:02d}",), make)))
-            except NothingToTell:
-                break
-            advance(landed[-1][DISCRIMINATION_TRIALS.name]["excitation"].item())
-    return ctx.record.collect() if landed else list_none()
-
-
-def list_none() -> dict[str, pd.DataFrame]:
-    """Return the tables of no trials."""
-    return {each.name: pd.DataFrame(columns=list(each.columns)) for each in discrimination_trials.writes}
+    reason = f"as many as next_trials={cfg.next_trials} asks for"
+    if cfg.next_trials:
+        with ctx.device as rig, ctx.progress("trials that tell names apart", cfg.next_trials) as advance:
+            for number in range(1, cfg.next_trials + 1):
+                known = (
+                    hardware_recordings,
+                    active_recordings,
+                    [each[DISCRIMINATION_RECORDINGS.name] for each in landed],
+                )
+                choose = cache(partial(choose_trial, cfg, *known, number, rig, ctx))
+                make = partial(execute, cfg, choose, number, rig, ctx)
+                try:
+                    landed.append(until_kept(partial(ctx.record.part, (f"{number:02d}",), make)))
+                except NothingToTell as told:
+                    reason = str(told)
+                    break
+                advance(landed[-1][DISCRIMINATION_TRIALS.name]["excitation"].item())
+    if landed:
+        tables |= ctx.record.collect()
+    end = pd.DataFrame([(len(landed), reason)], columns=list(DISCRIMINATION_END.columns))
+    return {**tables, DISCRIMINATION_END.name: end}
 
 
 class NothingToTell(Exception):
-    """No trial would tell names apart, or none that the rig's limits allow."""
+    """No trial is worth its execution; the message says why."""
 
 
-def execute_next(
+@dataclass(frozen=True)
+class Chosen:
+    """A trial to execute: what is known before it, its kind, the reference's rows, its number of all, who tracks."""
+
+    known: NextTrial
+    weighed: Proposed
+    rivals: Mapping[str, float]
+    kind: int
+    rows: pd.DataFrame
+    place: int
+    participant: str
+
+
+def choose_trial(
     cfg: Config,
     initial: pd.DataFrame,
     designed: pd.DataFrame,
-    landed: list[dict[str, pd.DataFrame]],
+    further: Sequence[pd.DataFrame],
     number: int,
     rig: Rig,
     ctx: Context,
-) -> dict[str, pd.DataFrame]:
-    """Choose a trial by what is known now, execute it, and return its part.
+) -> Chosen:
+    """Choose a trial by all that were executed.
 
     Raises
     ------
     NothingToTell
         When there is none.
     """
-    further = pd.concat([part[DISCRIMINATION_RECORDINGS.name] for part in landed]) if landed else None
-    source = read_executed(cfg.exoskeleton, initial, designed, further)
+    source = read_executed(cfg.exoskeleton, initial, designed, pd.concat(further) if further else None)
     tables, _ = tabulate(source, cfg.exoskeleton, cfg.measurement.largest_jitter)
     generators = ctx.generator("trials", number), ctx.generator("unexplained", number)
     settings = cfg.parts, cfg.discrepancy, cfg.propose_trial
     lead_in_s = max(-float(initial["time_s"].min()), 0.0)
     known = choose_next(cfg.plant, tables, *settings, *generators, lead_in_s)
-    resting = initial.groupby("muscle")[list(DRIVEN)].mean()
-    chosen, rows = choose_allowed(known, cfg, rig, lead_in_s, resting, ctx.generator("random", number))
-    assert known.weighed is not None
-    weighed, participant = known.weighed, str(initial["participant"].iloc[0])
-    rivals = ", ".join(name.replace("_", " ") for name in known.rivals)
-    reason = f"{weighed.spell(chosen)}: the trial that best tells {rivals} apart"
-    trial = tracked_trial(
-        rows,
-        rig,
-        participant,
-        f"{participant} trial {number} to tell names apart",
-        len(tables.measured_trials),
-        Proposal(number, cfg.next_trials, reason),
-    )
+    if known.question is None:
+        raise NothingToTell("no two names are likely enough to be told apart")
+    if known.weighed is None:
+        raise NothingToTell("every kind of trial is faster than what was recorded")
+    resting = initial[initial["time_s"] >= 0.0].groupby("muscle")[list(DRIVEN)].mean()
+    kind, rows = choose_allowed(known.weighed, cfg, rig, lead_in_s, resting, ctx.generator("random", number))
+    place, participant = len(tables.measured_trials), str(initial["participant"].iloc[0])
+    return Chosen(known, known.weighed, known.question.rivals, kind, rows, place, participant)
+
+
+def execute(cfg: Config, choose: Callable[[], Chosen], number: int, rig: Rig, ctx: Context) -> dict[str, pd.DataFrame]:
+    """Execute the trial that is chosen, and return its part."""
+    it = choose()
+    words = it.weighed.spell(it.kind)
+    drawn = ", drawn at random," if cfg.propose_trial.choice == "random" else ","
+    reason = f"{words}{drawn} to tell {join_names(list(it.rivals))} apart"
+    label, proposal = f"{it.participant} trial {number} to tell names apart", Proposal(number, cfg.next_trials, reason)
+    trial = tracked_trial(it.rows, rig, it.participant, label, it.place, proposal)
     recording = rig.execute(trial, ctx.generator("rig", number), ctx.record.watch((f"{number:02d}",)))
-    effects = ",".join(each.name for each in known.decision.effects)
-    before, after = weighed.expected_now, float(weighed.probability[chosen])
-    told = (participant, number, weighed.spell(chosen), ",".join(known.rivals), known.leading, before, after, effects)
-    values = [(number, *row[1:]) for row in list_steps([known.decision.steps[-1]])]
-    samples = pd.DataFrame(tidy(recording, rig)).assign(participant=participant, trial=number)
+    shares = ", ".join(f"{name} {share:.2f}" for name, share in it.rivals.items())
+    before, after = it.weighed.expected_now, float(it.weighed.probability[it.kind])
+    decision = it.known.decision
+    told = (it.participant, number, words, shares, before, after, ", ".join(each.name for each in decision.effects))
+    values = [(number, *row[1:]) for row in list_steps([decision.steps[-1]])]
+    samples = pd.DataFrame(tidy(recording, rig)).assign(participant=it.participant, trial=number)
     return {
         DISCRIMINATION_TRIALS.name: pd.DataFrame([told], columns=list(DISCRIMINATION_TRIALS.columns)),
         DISCRIMINATION_RECORDINGS.name: samples[list(DISCRIMINATION_RECORDINGS.columns)],
@@ -176,7 +222,7 @@ def execute_next(
 
 
 def choose_allowed(
-    known: NextTrial, cfg: Config, rig: Rig, lead_in_s: float, resting: pd.DataFrame, generator: np.random.Generator
+    weighed: Proposed, cfg: Config, rig: Rig, lead_in_s: float, resting: pd.DataFrame, generator: np.random.Generator
 ) -> tuple[int, pd.DataFrame]:
     """Return the best kind of trial that the rig's limits allow, or a random one of them, and its reference's rows.
 
@@ -185,20 +231,25 @@ def choose_allowed(
     Raises
     ------
     NothingToTell
-        When there is none, or when the best one tells too little.
+        When there is none, or when it tells too little.
     """
-    weighed, given = known.weighed, cfg.propose_trial
-    if weighed is None or weighed.gain < given.least_gain:
-        raise NothingToTell
-    order = weighed.order if given.choice == "evidence" else generator.permutation(len(weighed.kinds)).tolist()
+    given = cfg.propose_trial
+    best = given.choice == "evidence"
+    order = weighed.order if best else generator.permutation(len(weighed.kinds)).tolist()
     for each in order:
+        gain = float(weighed.probability[each]) - weighed.expected_now
+        if best and gain < given.least_gain:
+            raise NothingToTell(
+                f"the best kind of trial{'' if each == order[0] else ' that the rig allows'} would raise the expected "
+                f"probability of the true name by {gain:.2g}, less than propose_trial.least_gain={given.least_gain:g}"
+            )
         rows = lay_out(weighed, each, rig, lead_in_s, resting)
         try:
             rig.check_bank(rows, "trajectory")
         except ValueError:
             continue
         return each, rows
-    raise NothingToTell
+    raise NothingToTell("the rig's limits allow no kind of trial")
 
 
 def lay_out(weighed: Proposed, trial: int, rig: Rig, lead_in_s: float, resting: pd.DataFrame) -> pd.DataFrame:

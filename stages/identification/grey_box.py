@@ -128,16 +128,18 @@ GREY_BOX_MODELS = Table(
     },
     key=(*EXPERIMENT, "muscle", "hyperparameter"),
 )
-NUMBER = column(float, "error rate on it, mean over muscles and experiments", low=0, nullable=True)
 ERROR_BY_STEP = Table(
     "error_by_step",
     "What each step of the workflow leaves: error rate (RMSE / largest test force)",
     {
         "step": column(str, "what predicts"),
-        "trials": column(int, "executed until then, of all experiments (count)", low=0),
-        **dict.fromkeys(("task", "bank", "unseen_bank"), NUMBER),
+        "executed": column(int, "trials that were executed until then, of all experiments (count)", low=0),
+        **{
+            name: column(float, f"error rate on the {told}, mean over muscles and experiments", low=0, optional=True)
+            for name, told in (("task", "task"), ("bank", "bank"), ("unseen_bank", "unseen bank"))
+        },
     },
-    key=("step", "trials"),
+    key=("step",),
 )
 
 
@@ -243,7 +245,10 @@ def grey_box(
     }
     errors = add_average(told[GREY_BOX_ERRORS.name])[list(GREY_BOX_ERRORS.columns)]
     executed = join_executed(hardware_recordings, active_recordings)["trial"].nunique()
-    told |= {GREY_BOX_ERRORS.name: errors, ERROR_BY_STEP.name: list_steps(errors, tests, list(plants), executed)}
+    told |= {
+        GREY_BOX_ERRORS.name: errors,
+        ERROR_BY_STEP.name: list_steps(errors, tests, list(plants), executed, bool(learned)),
+    }
     summary = summarise(errors, told[GREY_BOX_COVERAGE.name], told[GREY_BOX_MODELS.name])
     experiments = int(summary["experiments"].max())
     ctx.figure(
@@ -260,9 +265,8 @@ def amend_by_steps(
     plant: Plant, values: pd.DataFrame | None, last: pd.DataFrame, channels: pd.DataFrame, muscles: pd.DataFrame
 ) -> dict[str, Plant]:
     """Return the plant without learned maps as it was amended before each trial that tells names apart, and at last."""
-    if values is None or values.empty:
-        return {}
-    steps = [*(rows for _, rows in values.groupby("trial")), last]
+    earlier = [] if values is None else [rows for _, rows in values.groupby("trial")]
+    steps = [*earlier, last]
     return {
         f"{AMENDED}_{number}": Plant.model_validate(amend_plant(plant, rows, [], channels, muscles))
         for number, rows in enumerate(steps)
@@ -270,23 +274,27 @@ def amend_by_steps(
 
 
 def list_steps(
-    errors: pd.DataFrame, tests: Mapping[str, pd.DataFrame], plants: Sequence[str], designed: int
+    errors: pd.DataFrame, tests: Mapping[str, pd.DataFrame], plants: Sequence[str], designed: int, learned: bool
 ) -> pd.DataFrame:
-    """Return the rows of `error_by_step`, from the error rates of all rungs and tests with the force of all plants."""
+    """Return the rows of `error_by_step`, from the error rates of all rungs and tests with the force of all plants.
+
+    `designed` is the number of trials before any that tells names apart; `learned` says whether there are learned maps.
+    """
     mean = errors[errors["muscle"] == ALL_MUSCLES].groupby(["rung", "tested_on"])["error_rate"].mean()
     rungs = {name: {test: float(mean[name, test]) for test in tests} for name in RUNGS}
     amended = [name for name in plants if name not in RUNGS]
     own = {name: {test: average_rate(samples, name) for test, samples in tests.items()} for name in amended}
-    trials = designed + max(len(amended) - 1, 0)
+    further = len(amended) - 1
     steps = [
         ("nominal plant", 0, rungs[NOMINAL]),
-        ("Gaussian process of each experiment's designed trials", designed, rungs[PROCESS]),
-        *(("amended plant", designed + number, own[name]) for number, name in enumerate(amended)),
-        ("amended plant and learned maps", trials, rungs[AMENDED]),
-        ("grey box: that, and a Gaussian process of the rest", trials, rungs[GREY_BOX]),
+        ("Gaussian process of the designed trials", designed, rungs[PROCESS]),
+        *((f"amended plant before further trial {k + 1}", designed + k, own[amended[k]]) for k in range(further)),
+        ("amended plant", designed + further, own[amended[-1]]),
+        *([("amended plant and learned maps", designed + further, rungs[AMENDED])] if learned else []),
+        ("grey box", designed + further, rungs[GREY_BOX]),
     ]
-    rows = [{"step": name, "trials": known, **rates} for name, known, rates in steps]
-    return pd.DataFrame(rows).reindex(columns=list(ERROR_BY_STEP.columns))
+    rows = [{"step": name, "executed": known, **rates} for name, known, rates in steps]
+    return ERROR_BY_STEP.select(pd.DataFrame(rows))
 
 
 def average_rate(samples: pd.DataFrame, plant: str) -> float:

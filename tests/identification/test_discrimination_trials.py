@@ -1,13 +1,11 @@
 """Trials that tell names apart: executed as proposed, within the rig's limits, fitted; and none where none would."""
 
 from dataclasses import fields, replace
-from types import SimpleNamespace
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.errors import ConfigError
 from stages.identification import discrimination_trials as stage_module
 from stages.identification.discrimination_trials import NothingToTell, choose_allowed
 from stages.science.discrepancy.excitations import SHAPES
@@ -16,7 +14,7 @@ from stages.science.discrepancy.parts import list_parts
 from stages.science.plant.effect import list_effects
 from stages.science.recording.measured_tables import MeasuredTables
 from stages.science.recording.sources import read_executed, tabulate
-from tests.studies import read_stages, run_stage
+from tests.studies import assert_refused, read_stages, run_stage
 
 STAGES = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "discrimination_trials"]
 RIVALS = "transport_delay", "valve_lag"
@@ -61,7 +59,8 @@ def test_what_was_proposed_is_executed_in_the_range_of_what_was_recorded(designe
     _, _, tables, known = designed
     weighed, best = known.weighed, known.weighed.order[0]
     (row,) = executed["discrimination_trials"].to_dict("records")
-    assert set(row["rivals"].split(",")) == set(RIVALS)
+    assert {each.split()[0] for each in row["rivals"].split(", ")} == set(RIVALS)
+    assert executed["discrimination_end"]["executed"].item() == 1
     assert row["excitation"] == weighed.spell(best)
     assert row["expected_before"] < row["expected_after"] <= 1.0
     recorded = executed["discrimination_recordings"]
@@ -118,40 +117,56 @@ def choose(designed, allowed=(1,), **changed):
     cfg = cfg.model_copy(update={"propose_trial": cfg.propose_trial.model_copy(update=changed)})
     rig = Limited(study.build("rig"), allowed)
     resting = tables["hardware_recordings"].groupby("muscle")[["pressure_command_kpa", "joint_angle_rad"]].mean()
-    return choose_allowed(known, cfg, rig, 1.0, resting, np.random.default_rng(3)), rig.asked
+    return choose_allowed(known.weighed, cfg, rig, 1.0, resting, np.random.default_rng(3)), rig.asked
 
 
 def test_the_best_trial_that_the_rigs_limits_allow_is_executed(designed):
     order = designed[3].weighed.order
-    (chosen, rows), asked = choose(designed, (4,))
+    (chosen, rows), asked = choose(designed, (4,), least_gain=-1.0)
     assert (chosen, asked) == (order[3], order[:4])
     assert rows.groupby("muscle").size().tolist() == [1000] * 4
-    with pytest.raises(NothingToTell):
-        choose(designed, ())
+    with pytest.raises(NothingToTell, match="the rig's limits allow no kind of trial"):
+        choose(designed, (), least_gain=-1.0)
 
 
 def test_no_trial_is_executed_that_tells_too_little_and_random_ones_are_any(designed):
-    with pytest.raises(NothingToTell):
+    weighed = designed[3].weighed
+    with pytest.raises(NothingToTell, match="less than propose_trial"):
         choose(designed, least_gain=0.9)
-    (chosen, _), asked = choose(designed, choice="random")
+    gains = weighed.probability[weighed.order] - weighed.expected_now
+    with pytest.raises(NothingToTell, match="the best kind of trial that the rig allows would raise"):
+        choose(designed, (len(gains),), least_gain=float(gains[0]) - 1e-9)
+    (chosen, _), asked = choose(designed, choice="random", least_gain=0.9)
     assert asked == [chosen]
-    assert chosen != designed[3].weighed.order[0]
-    settled = replace(designed[3], weighed=None)
-    with pytest.raises(NothingToTell):
-        choose((*designed[:3], settled))
+
+
+def test_where_nothing_is_asked_no_trial_is_executed(designed, tmp_path, monkeypatch):
+    study, stages, tables, known = designed
+    settled = replace(known, question=None, weighed=None)
+    monkeypatch.setattr(stage_module, "choose_next", lambda *args: settled)
+    found = run_stage(study, stages["discrimination_trials"], tmp_path, tables)
+    assert found["discrimination_trials"].empty
+    (end,) = found["discrimination_end"].to_dict("records")
+    assert end == {"executed": 0, "reason": "no two names are likely enough to be told apart"}
 
 
 def test_without_trials_the_rig_is_left_alone(designed, tmp_path):
     tables = designed[2]
     none, stages = read_stages(STAGES, *AMBIGUOUS, "next_trials=0")
     found = run_stage(none, stages["discrimination_trials"], tmp_path, tables, rig=object())
-    assert all(each.empty for each in found.values())
+    assert found["discrimination_recordings"].empty
+    assert found["discrimination_end"]["executed"].item() == 0
 
 
-def test_a_rig_of_recorded_trials_cannot_execute_others(designed, tmp_path):
-    study, stages, tables, _ = designed
-    with pytest.raises(ConfigError, match="next_trials: expected 0, as SimpleNamespace returns trials as they"):
-        run_stage(study, stages["discrimination_trials"], tmp_path, tables, rig=SimpleNamespace(recorded=True))
+@pytest.mark.parametrize(
+    ("overrides", "told"),
+    [
+        (("rig=replay", f"rig.recordings.free=[{__file__}]"), "next_trials: expected 0, as this rig returns trials"),
+        (("measured=recording.csv",), "next_trials: expected 0, as measured=PATH is searched"),
+    ],
+)
+def test_what_cannot_be_executed_or_is_not_searched_is_refused(overrides, told):
+    assert_refused(STAGES, told, *SMALL, *overrides)
 
 
 @pytest.mark.slow
@@ -165,9 +180,10 @@ def test_a_further_trial_is_added_to_those_that_there_are(pamid):
     assert list(two["trial"].unique()) == [1, 2]
     pd.testing.assert_frame_equal(two[two["trial"] == 1], one)
     steps = pd.read_parquet(pamid.runs[-1] / "tables/error_by_step.parquet")
-    amended = steps[steps["step"] == "amended plant"]
-    assert list(amended["trials"]) == [6, 7, 8]
+    amended = steps[steps["step"].str.startswith("amended plant before")]
+    assert list(amended["executed"]) == [6, 7]
     summary = pd.read_parquet(pamid.runs[-1] / "tables/grey_box_summary.parquet").query("muscle == 'mean'")
     rates = summary.set_index("tested_on")["amended_plant"]
-    last = steps[steps["step"] == "amended plant and learned maps"].iloc[0]
+    last = steps[steps["step"].str.startswith("amended")].iloc[-1]
+    assert last["executed"] == 8
     assert [last["task"], last["bank"]] == pytest.approx([rates["task"], rates["bank"]])

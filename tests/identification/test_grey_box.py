@@ -98,8 +98,9 @@ def test_effects_that_are_the_rigs_leave_little_and_the_noise_is_covered(designe
     assert (after["grey_box"] < 0.25 * before["gaussian_process"]).all()
     assert (after["grey_box_covered"] > 0.9).all()
     assert after["gaussian_process"].equals(before["gaussian_process"])
-    steps = found["error_by_step"].set_index(["step", "trials"])
-    one, all_of_them = (steps.loc["amended plant", trials] for trials in (4, 5))
+    steps = found["error_by_step"].set_index("step")
+    assert list(steps["executed"]) == [0, 4, 4, 5, 5]
+    one, all_of_them = steps.loc["amended plant before further trial 1"], steps.loc["amended plant"]
     for name in ("task", "bank"):
         assert all_of_them[name] == pytest.approx(after.loc[name, "amended_plant"])
         assert all_of_them[name] < one[name] < before.loc[name, "nominal_plant"]

@@ -4,7 +4,6 @@ A dataset flows in; out flow what the search found of it, and kinds of trials, w
 what a rig executes.
 """
 
-from collections.abc import Mapping
 from dataclasses import dataclass, replace
 
 import numpy as np
@@ -17,6 +16,7 @@ from stages.science.discrepancy.parts import Parts, list_parts
 from stages.science.discrepancy.proposal import (
     ProposalSettings,
     Proposed,
+    Question,
     choose_round,
     fit_rival,
     propose,
@@ -34,13 +34,12 @@ from stages.science.signals.trajectories import Array
 class NextTrial:
     """What is known of a machine, and which trial would tell the leading names apart.
 
-    `rivals` are the probabilities of these names, scaled, and `leading` that of the first among all candidates.
-    `weighed` is none where no two names are left to tell apart, or where all kinds of trials are too fast.
+    `question` is none where no two names are left to tell apart; `weighed` then, and where all kinds of trials are too
+    fast.
     """
 
     decision: Decision
-    rivals: Mapping[str, float]
-    leading: float
+    question: Question | None
     weighed: Proposed | None
 
 
@@ -68,15 +67,15 @@ def choose_next(
     found = search(prepared, settings.search, starts)
     decision = decide(found, settings, signs)
     ranking = pd.DataFrame(rank_first(found, decision.doubt, settings.report.most_confounded))
-    named = pd.DataFrame(list_named(decision.effects), columns=["order", "name", "indistinguishable_from"])
-    number, rivals = choose_round(ranking, named, given.rivals, given.least_probability)
+    named = pd.DataFrame(list_named(decision.effects, found.named), columns=["round", "name", "indistinguishable_from"])
+    question = choose_round(ranking, named, given.rivals, given.least_probability)
     weighed = None
-    if rivals:
-        fits = found.steps[number - 1]
+    if question is not None:
+        fits = decision.steps[question.standing]
         states = [replace(state, current=each) for state, each in zip(found.outputs, fits, strict=True)]
-        fitted = [fit_rival(states, name, probability) for name, probability in rivals.items()]
+        fitted = [fit_rival(states, name, probability) for name, probability in question.rivals.items()]
         weighed = propose(states, fitted, settings.search.largest_jitter, lead_in_s)
-    return NextTrial(decision, rivals, float(ranking.loc[ranking["round"] == number, "probability"].max()), weighed)
+    return NextTrial(decision, question, weighed)
 
 
 def drive(weighed: Proposed, trial: int, machine: pd.DataFrame) -> tuple[dict[str, Array], dict[str, Array], float]:

@@ -6,7 +6,7 @@ fits its constants anew, as far as the trials that there are leave them free.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Literal
+from typing import Literal, NamedTuple
 
 import numpy as np
 import pandas as pd
@@ -49,24 +49,37 @@ class Rival:
     fits: Sequence[Fitted]
 
 
-def choose_round(ranking: pd.DataFrame, named: pd.DataFrame, most: int, least: float) -> tuple[int, dict[str, float]]:
-    """Return the round of the search whose name is least sure, and the rivals that `choose_rivals` finds in it.
+class Question(NamedTuple):
+    """What is least sure: a round of the search, how many effects stood before it, and probabilities of its rivals.
 
-    Rows are of the tables `ranking` and `named_effects`. Rounds are looked at whose name stands, and the next one, in
-    which more is looked for beside these. A name that stands by another round is no rival, as both are there, unless
-    these data do not exclude it in place of the round's own. No rivals are returned where no round has two.
+    The probabilities are scaled to one; `leading` is that of the first before.
     """
-    stand = dict(zip(named["order"], zip(named["name"], named["indistinguishable_from"], strict=True), strict=False))
-    found: list[tuple[float, int, dict[str, float]]] = []
-    for number in range(1, int(max(stand, default=0)) + 2):
+
+    number: int
+    standing: int
+    rivals: Mapping[str, float]
+    leading: float
+
+
+def choose_round(ranking: pd.DataFrame, named: pd.DataFrame, most: int, least: float) -> Question | None:
+    """Return the round of the search whose name is least sure, with the rivals that `choose_rivals` finds in it.
+
+    Rows are of the tables `ranking` and `named_effects`. Rounds are looked at up to the one after the last name that
+    stands, in which more is looked for beside them. A name that stands by another round is no rival, as both are there,
+    unless these data do not exclude it in place of the round's own. Where no round has two rivals there is none.
+    """
+    added = named[named["round"] > 0].groupby("round")[["name", "indistinguishable_from"]].first()
+    found: list[Question] = []
+    for number in range(1, int(max(added.index, default=0)) + 2):
         rows = ranking[(ranking["round"] == number) & (ranking["name"] != UNKNOWN)]
-        alike = str(stand[number][1]).split(",") if number in stand else []
-        others = [name for order, (name, _) in stand.items() if order != number and name not in alike]
+        like = str(added["indistinguishable_from"].get(number, ""))
+        alike = like.split(",") if like else []
+        others = set(added["name"].drop(number, errors="ignore")) - set(alike)
         rivals = choose_rivals(rows[~rows["name"].isin(others)], alike, most, least)
         if len(rivals) > 1:
-            found.append((float(rows["probability"].max()), number, rivals))
-    _, number, rivals = min(found, key=lambda each: each[0], default=(1.0, 1, {}))
-    return number, rivals
+            leading = float(rows.set_index("name")["probability"][next(iter(rivals))])
+            found.append(Question(number, int((added.index < number).sum()), rivals, leading))
+    return min(found, key=lambda each: each.leading, default=None)
 
 
 def choose_rivals(ranking: pd.DataFrame, alike: Sequence[str], most: int, least: float) -> dict[str, float]:

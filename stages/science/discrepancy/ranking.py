@@ -40,11 +40,16 @@ def rank_first(found: Search, unknown: float, most_confounded: float) -> list[di
     return rows
 
 
-def list_named(named: Sequence[Named]) -> list[dict[str, Any]]:
-    """Return a row for each effect and each muscle that carries it, in the order of addition."""
+def list_named(named: Sequence[Named], added: Sequence[Named]) -> list[dict[str, Any]]:
+    """Return a row for each effect and each muscle that carries it, in the order of addition.
+
+    `added` are those of the search, one a round. The round of an effect is 0 where exact values show it.
+    """
+    rounds = {_identify(each): number for number, each in enumerate(added, start=1)}
     return [
         {
             "order": order,
+            "round": rounds.get(_identify(each), 0),
             "name": each.name,
             "form": form,
             "site": each.site,
@@ -58,6 +63,10 @@ def list_named(named: Sequence[Named]) -> list[dict[str, Any]]:
         for order, each in enumerate(named, start=1)
         for muscle, form in zip(each.elements, each.forms, strict=True)
     ]
+
+
+def _identify(named: Named) -> tuple[Any, ...]:
+    return named.name, named.channel, named.elements
 
 
 def list_steps(steps: Sequence[Sequence[Fitted]]) -> list[tuple[Any, ...]]:

@@ -382,12 +382,17 @@ def describe_bands(bands: Mapping[str, float]) -> str:
     return f"{text}: they are wider than need be." if bands["low"] > bands["level"] else f"{text}."
 
 
+def join_names(names: Sequence[str]) -> str:
+    """Return names of effects, two at least and ``none`` among them perhaps, as they stand in a sentence."""
+    spelt = [_spell(each) if each != "none" else "no further effect" for each in names]
+    return f"{', '.join(spelt[:-1])} and {spelt[-1]}"
+
+
 def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None, least_gain: float) -> str:
     """Return which trial to record next, or why none is proposed; rivals have their present probabilities."""
     if len(rivals) < 2:
         return "No further trial is proposed, as no two names are likely enough to be told apart."
-    names = [_spell(each) if each != "none" else "no further effect" for each in rivals]
-    told = f"{', '.join(names[:-1])} and {names[-1]}"
+    told = join_names(list(rivals))
     if weighed is None:
         return (
             f"No further trial is proposed: nothing that could be prescribed, no faster than in what was recorded, "

@@ -115,7 +115,9 @@ class MuscleChannel(OutputChannel):
 
     def excite(self, shares: Mapping[str, Array]) -> Self:
         """Return the output in other trials; the pressure follows the command at once."""
-        records, seen, count = self.records, self.present, shares[MOTION].shape[1]
+        records, count = self.records, shares[MOTION].shape[1]
+        felt = self.present & records.known["force_n"]  # without the filling before a trial, in which no force is told
+        seen = felt if felt.any() else self.present
         shortening = shares[MOTION] if self.build.contraction_per_rad > 0.0 else 1.0 - shares[MOTION]
         command = _scale(shares[COMMAND], records.command_kpa[seen])
         contraction = _scale(shortening, records.contraction[seen])

@@ -183,33 +183,38 @@ def test_rivals_are_the_leading_names_of_the_least_sure_round():
         (3, "none", 0.4, 0.01, False),
     ]
     ranking = pd.DataFrame(rows, columns=["round", "name", "probability", "heldout_gap", "absorbed"])
-    named = pd.DataFrame({"order": [1, 2], "name": ["wave", "kink"], "indistinguishable_from": ["", "line"]})
-    number, chosen = choose_round(ranking, named, 3, 0.01)
-    assert number == 2
-    assert list(chosen) == ["kink", "line", "bend"]
-    assert sum(chosen.values()) == pytest.approx(1.0)
-    assert chosen["kink"] == pytest.approx(0.6 / 0.67)
-    assert choose_round(ranking, named[:0], 3, 0.01) == (1, {})
-    assert list(choose_rivals(ranking[ranking["round"] == number], [], 3, 0.04)) == ["kink", "bend"]
+    named = pd.DataFrame({"round": [1, 2], "name": ["wave", "kink"], "indistinguishable_from": ["", "line"]})
+    found = choose_round(ranking, named, 3, 0.01)
+    assert (found.number, found.standing, found.leading) == (2, 1, 0.6)
+    assert list(found.rivals) == ["kink", "line", "bend"]
+    assert sum(found.rivals.values()) == pytest.approx(1.0)
+    assert found.rivals["kink"] == pytest.approx(0.6 / 0.67)
+    assert choose_round(ranking, named[:0], 3, 0.01) is None
+    assert list(choose_rivals(ranking[ranking["round"] == 2], [], 3, 0.04)) == ["kink", "bend"]
 
 
 def test_names_that_both_stand_are_no_rivals_and_what_is_left_beside_them_is():
     rows = [
         (1, "wave", 0.6, 0.02, False),
         (1, "kink", 0.4, 0.03, False),
-        (2, "kink", 0.97, 0.01, False),
-        (2, "bend", 0.02, 0.012, False),
-        (3, "none", 0.8, 0.01, False),
-        (3, "bend", 0.15, 0.009, False),
-        (3, "unknown", 0.05, 0.01, False),
+        (2, "line", 0.5, 0.01, False),
+        (2, "hump", 0.5, 0.012, False),
+        (3, "kink", 0.97, 0.01, False),
+        (3, "bend", 0.02, 0.012, False),
+        (4, "none", 0.8, 0.01, False),
+        (4, "bend", 0.15, 0.009, False),
+        (4, "unknown", 0.05, 0.01, False),
     ]
     ranking = pd.DataFrame(rows, columns=["round", "name", "probability", "heldout_gap", "absorbed"])
-    both = pd.DataFrame({"order": [1, 2], "name": ["wave", "kink"], "indistinguishable_from": ["", ""]})
-    number, chosen = choose_round(ranking, both, 3, 0.01)
-    assert (number, list(chosen)) == (3, ["none", "bend"])
-    assert choose_round(ranking[ranking["name"] != "bend"], both, 3, 0.01) == (1, {})
-    number, chosen = choose_round(ranking, both[:1], 3, 0.01)
-    assert (number, list(chosen)) == (1, ["wave", "kink"])
+    both = pd.DataFrame({"round": [1, 3, 0], "name": ["wave", "kink", "count"], "indistinguishable_from": ""})
+    late = ranking[ranking["round"] != 2]  # what the second round added was taken out again
+    found = choose_round(late, both, 3, 0.01)
+    assert (found.number, found.standing, list(found.rivals)) == (4, 2, ["none", "bend"])
+    assert choose_round(late[late["name"] != "bend"], both, 3, 0.01) is None
+    found = choose_round(ranking, both, 3, 0.01)
+    assert (found.number, found.standing, list(found.rivals)) == (2, 1, ["line", "hump"])
+    alike = both.assign(indistinguishable_from=["kink", "", ""])
+    assert list(choose_round(late, alike, 3, 0.01).rivals) == ["wave", "kink"]
 
 
 @pytest.mark.parametrize(("nameless", "rivals"), [(0.55, {}), (0.3, {"kink": 0.75, "none": 0.25})])
