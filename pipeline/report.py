@@ -60,7 +60,7 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: 
     write_page(
         path,
         title=f"{workflow} {ledger.name}",
-        heading=workflow.capitalize(),
+        heading=workflow.replace("_", " ").capitalize(),
         lead=f"Run {ledger.name}",
         status=status,
         opening=[("command", ledger.facts["command"]), ("facts", _list_facts(ledger)), *_show_failure(ledger, status)],

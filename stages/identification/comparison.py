@@ -180,11 +180,12 @@ def comparison(
     ended = "" if common is kept else ENDED
     for tested_on in tests:
         its = summary[summary["tested_on"] == tested_on]
+        experiments = int(its["experiments"].max())
         caption = (
             "Error rate (RMSE over the largest force of the test data) after each trial, for every muscle and their "
             f"average: mean and standard deviation (of {arms[0]}, where there are many arms) over "
-            f"{its['experiments'].max()} experiments, tested on {DESCRIBED[tested_on]}. Trial 0 is the initial data, "
-            f"the same for every arm.{ended}"
+            f"{experiments} experiment{'s' * (experiments > 1)}, tested on {DESCRIBED[tested_on]}. Trial 0 is the "
+            f"initial data, the same for every arm.{ended}"
         )
         name = "learning_curve" if tested_on == "bank" else f"learning_curve_{tested_on}"
         ctx.figure(name, draw_learning_curves(its, arms, [ALL_MUSCLES, *muscles]), caption)

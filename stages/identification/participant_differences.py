@@ -85,9 +85,10 @@ def participant_differences(cfg: Config, learning_curve: pd.DataFrame, ctx: Cont
     ended = "" if carried is executed else ENDED
     muscles = [ALL_MUSCLES, *learning_curve["muscle"].unique()]
     people = list(curve["participant"].unique())
+    experiments = curve["experiment"].nunique()
     caption = (
         f"Error rate after each trial of the design ({design}), for every participant: mean and SD over "
-        f"each one's {curve['experiment'].nunique()} experiments, tested on {curve['tested_on'].iloc[0]}.{ended}"
+        f"each one's {experiments} experiment{'s' * (experiments > 1)}, tested on {curve['tested_on'].iloc[0]}.{ended}"
     )
     shown = curve[curve["tested_on"] == curve["tested_on"].iloc[0]]
     shown = summarise_error_rates(shown, ["participant", "trial", "muscle"])

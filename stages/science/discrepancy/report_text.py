@@ -93,8 +93,9 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
             doubt = f"What is left ({_percent(left['share'])} of the gap above the noise) is more than forms of one "
             doubt += "effect usually differ by"
         doubt += ": the name may stand in for something that the library does not hold."
+    where = "On trials left out of the fits something" if gap["after"] < gap["noise_floor"] else "So much"
     remains = (
-        f"So much remains: {family} would still take away {_percent(left['share'])} of what was "
+        f"{where} remains: {family} would still take away {_percent(left['share'])} of what was "
         "above the noise; that has no name in the library."
     )
     them = "it" if len(effects) == 1 else "them"

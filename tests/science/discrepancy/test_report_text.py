@@ -60,6 +60,7 @@ DEEP = {**GAP, "noise_floor": 0.09}
 CLOSED = "hysteresis on pam1 and pam3 (probability 0.93; next is coulomb friction, 0.05)"
 STAYS = "Trials not fitted do not show it: with it the gap there goes from 3.4 % to 3.3 % of range (p = 0.43)"
 SO_MUCH = "So much remains: a flexible model would still take away 40 % of what was above the noise"
+LITTLE = "On trials left out of the fits something remains"
 LEFT = "a flexible model takes away 40 % of what is above the noise"
 NEAREST = "hysteresis comes nearest (probability 0.93): with it the gap of trials left out of the fit goes from 8.1 %"
 BLIND = "cannot be told: the gap is 1.02 times the noise floor, but so much counts as noise"
@@ -74,6 +75,11 @@ MANY = "So many names in one channel may stand in for one effect"
         (NAMED, [CLOSED, "goes from 8.1 % to 2.1 %", "p = 0.031", "1.05 times the noise floor (2.0 %)"], ["remains"]),
         ({**NAMED, "effects": [EFFECT, GONE]}, [STAYS], []),
         ({**NAMED, "remainder": LEFT_OVER}, [CLOSED, SO_MUCH], []),
+        (
+            {**NAMED, "remainder": LEFT_OVER, "gap": DEEP},
+            ["On trials left out of the fits something remains"],
+            [SO_MUCH],
+        ),
         ({**NAMED, "suspected": [LEAKAGE]}, [SUSPECTED], []),
         ({**NAMED, "remainder": DOUBTED}, [IMITATION], []),
         ({**NAMED, "remainder": {**DOUBTED, "imitated": 0.4}}, [], [IMITATION]),
