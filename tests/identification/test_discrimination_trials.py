@@ -14,6 +14,8 @@ from stages.science.discrepancy.parts import list_parts
 from stages.science.plant.effect import list_effects
 from stages.science.recording.measured_tables import MeasuredTables
 from stages.science.recording.sources import read_executed, tabulate
+from stages.science.rig.reference import tracked_trial
+from tests.cpx_e.rig import emulate_rig
 from tests.studies import assert_refused, read_stages, run_stage
 
 STAGES = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "discrimination_trials"]
@@ -127,6 +129,20 @@ def test_the_best_trial_that_the_rigs_limits_allow_is_executed(designed):
     assert rows.groupby("muscle").size().tolist() == [1000] * 4
     with pytest.raises(NothingToTell, match="the rig's limits allow no kind of trial"):
         choose(designed, (), least_gain=-1.0)
+
+
+def test_what_was_proposed_passes_the_limits_of_an_emulated_rig(designed):
+    study, stages, tables, known = designed
+    cfg, generator = study.config(stages["discrimination_trials"]), np.random.default_rng(4)
+    resting = tables["hardware_recordings"].groupby("muscle")[["pressure_command_kpa", "joint_angle_rad"]].mean()
+    with emulate_rig("exoskeleton.trial_s=4.0") as (_, rig), rig:
+        _, rows = choose_allowed(known.weighed, cfg, rig, 1.0, resting, generator)
+        recording = rig.execute(tracked_trial(rows, rig, "p1", "told apart"), generator)
+    after = recording.time_s >= 0.0
+    assert (recording.status == "ok").all()
+    assert (recording.clipped_by[after] == "").all()
+    commands = rows.pivot(index="time_s", columns="muscle", values="pressure_command_kpa")[list(rig.muscles)]
+    np.testing.assert_allclose(recording.pressure_command_kpa[after], commands, atol=0.5)
 
 
 def test_no_trial_is_executed_that_tells_too_little_and_random_ones_are_any(designed):
