@@ -151,7 +151,7 @@ def _search(cfg: Config, ctx: Context, name: str) -> dict[str, pd.DataFrame]:
         "further_gain_high": high,
         **_measure(judged, recorded.truth, ctx.generator(name, "told")),
     }
-    named = list_named(judged.decision.effects, [])
+    named = list_named(judged.decision.effects, judged.found.named)
     rows: dict[str, Any] = {
         BLIND_SESSIONS.name: [row],
         BLIND_TRUTH.name: _list_hidden(recorded.truth),

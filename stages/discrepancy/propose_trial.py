@@ -28,6 +28,7 @@ from stages.science.discrepancy.restoring import NominalTables, SearchTables, re
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.figures.proposed_trial import draw_proposed_trial
 from stages.science.plant.machine import Machine
+from stages.science.signals.lead_in import measure_lead_in
 
 PROPOSED_TRIALS = Table(
     "proposed_trials",
@@ -83,7 +84,7 @@ def propose_trial(
         nominal = restore_states(dataset, NominalTables(nominal_fit, found.channels, residuals))
         states = [found.resume(state, question.standing) for state in nominal]
         rivals = [fit_rival(states, name, probability) for name, probability in chosen.items()]
-        lead_in_s = 0.0 if hardware_recordings is None else max(-float(hardware_recordings["time_s"].min()), 0.0)
+        lead_in_s = 0.0 if hardware_recordings is None else measure_lead_in(hardware_recordings)
         weighed = propose(states, rivals, cfg.discrepancy.search.largest_jitter, lead_in_s)
     if weighed is not None:
         written[PROPOSED_TRIALS.name] = list_trials(weighed)

@@ -34,6 +34,7 @@ from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import RECORDING_COLUMNS, Rig, tidy
 from stages.science.rig.reference import tracked_trial
 from stages.science.rig.trial import Proposal
+from stages.science.signals.lead_in import leave_out_lead_in, measure_lead_in
 
 DRIVEN = ("pressure_command_kpa", "joint_angle_rad")
 """What a trial prescribes."""
@@ -187,13 +188,13 @@ def choose_trial(
     tables, _ = tabulate(source, cfg.exoskeleton, cfg.measurement.largest_jitter)
     generators = ctx.generator("trials", number), ctx.generator("unexplained", number)
     settings = cfg.parts, cfg.discrepancy, cfg.propose_trial
-    lead_in_s = max(-float(initial["time_s"].min()), 0.0)
+    lead_in_s = measure_lead_in(initial)
     known = choose_next(cfg.plant, tables, *settings, *generators, lead_in_s)
     if known.question is None:
         raise NothingToTell("no two names are likely enough to be told apart")
     if known.weighed is None:
         raise NothingToTell("every kind of trial is faster than what was recorded")
-    resting = initial[initial["time_s"] >= 0.0].groupby("muscle")[list(DRIVEN)].mean()
+    resting = leave_out_lead_in(initial).groupby("muscle")[list(DRIVEN)].mean()
     kind, rows = choose_allowed(known.weighed, cfg, rig, lead_in_s, resting, ctx.generator("random", number))
     place, participant = len(tables.measured_trials), str(initial["participant"].iloc[0])
     return Chosen(known, known.weighed, known.question.rivals, kind, rows, place, participant)

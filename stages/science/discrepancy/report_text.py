@@ -384,9 +384,8 @@ def describe_bands(bands: Mapping[str, float]) -> str:
 
 
 def join_names(names: Sequence[str]) -> str:
-    """Return names of effects, two at least and ``none`` among them perhaps, as they stand in a sentence."""
-    spelt = [_spell(each) if each != "none" else "no further effect" for each in names]
-    return f"{', '.join(spelt[:-1])} and {spelt[-1]}"
+    """Return names of effects, ``none`` among them perhaps, as they stand in a sentence."""
+    return _join([_spell(each) if each != "none" else "no further effect" for each in names])
 
 
 def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None, least_gain: float) -> str:
