@@ -1,9 +1,9 @@
 """Pages that stand alone: sections of blocks flow in, one HTML file flows out that asks for nothing elsewhere.
 
 A block is a pair: its kind and what it shows. Kinds: ``heading``, ``note``, ``text`` and ``command`` (a str),
-``status`` (a word, and what it is about), ``prose`` (sentences), ``facts`` (pairs of texts), ``links`` (pairs of text
-and address), ``grid``, ``sortable`` and ``meanings`` (from `make_grid`), ``pictures`` (of `Picture`), and what holds
-blocks: ``failure`` and ``details`` (from `make_details`).
+``status`` (a word, and what it is about), ``prose`` and ``finding`` (sentences), ``facts`` (pairs of texts), ``links``
+(pairs of text and address), ``grid``, ``sortable`` and ``meanings`` (from `make_grid`), ``pictures`` (of `Picture`),
+and what holds blocks: ``failure``, ``beside`` (a pair of lists) and ``details`` (from `make_details`).
 """
 
 import base64
@@ -17,7 +17,7 @@ import jinja2
 import pandas as pd
 
 from pipeline.files import write_text
-from pipeline.printing import format_value, is_prose
+from pipeline.printing import format_value, is_prose, split_command
 
 PAGES = Path(__file__).parent / "pages"
 
@@ -73,10 +73,15 @@ def _environment() -> jinja2.Environment:
     )
     environment.filters |= {
         "shown": format_value,
+        "split_command": split_command,
         "exact": lambda value: "" if value is None or value != value else repr(float(value)),
-        "base64": lambda png: base64.b64encode(png).decode(),
+        "base64": _encode,
     }
     return environment
+
+
+def _encode(png: bytes) -> str:
+    return base64.b64encode(png).decode()
 
 
 def make_grid(

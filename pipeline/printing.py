@@ -1,5 +1,6 @@
-"""Frames as tables of a terminal: a frame flows in, lines flow out."""
+"""Frames and sentences on a terminal: a frame flows in, lines flow out."""
 
+import re
 from collections.abc import Sequence
 from typing import Any
 
@@ -9,6 +10,9 @@ from rich.console import Console
 from rich.text import Text
 
 ROWS_SHOWN_WHOLE = 60
+LEAST_TEXT = 14
+"""Characters of a column of text up to which it is narrowed before others are left out."""
+COMMAND = re.compile(r"\bpython -m pipeline\b.*")
 
 
 def print_frame(
@@ -20,20 +24,55 @@ def print_frame(
         console.print("  no rows\n", highlight=False)
         return
     if is_prose(frame):
-        for sentence in frame.iloc[:limit, 0]:
-            console.print(f"  {sentence}", highlight=False, markup=False)
-        console.print()
+        print_sentences(list(map(format_value, frame.iloc[:limit, 0])), console)
         return
     shown = rich.table.Table(header_style="bold", box=rich.box.SIMPLE_HEAD)
-    for name in frame.columns:
+    cells = frame.head(limit).map(format_value)
+    names = _choose_columns(cells, frame, console.width)
+    for name in names:
         numeric = pd.api.types.is_numeric_dtype(frame[name])
-        shown.add_column(Text(str(name)), justify="right" if numeric else "left", overflow="fold")
-    for row in frame.head(limit).itertuples(index=False):
-        shown.add_row(*(Text(format_value(value)) for value in row))
+        shown.add_column(
+            Text(str(name)), justify="right" if numeric else "left", overflow="fold", no_wrap=bool(numeric)
+        )
+    for row in cells[names].itertuples(index=False):
+        shown.add_row(*map(Text, row))
     console.print(shown, markup=False)
+    if len(names) < len(frame.columns):
+        left = ", ".join(map(str, frame.columns[len(names) :]))
+        console.print(f"  not shown in {console.width} columns: {left}", highlight=False, markup=False)
     if len(frame) > limit:
         more = f"; {option} {len(frame)} shows all" if option else ""
         console.print(f"  first {limit} of {len(frame)} rows{more}", highlight=False)
+
+
+def _choose_columns(cells: pd.DataFrame, frame: pd.DataFrame, width: int) -> list[Any]:
+    """Return the first columns of a frame that fit into a width with no number or heading broken, one at least."""
+    names: list[Any] = []
+    left = width - 2
+    for name in frame.columns:
+        longest = max([len(str(name)), *map(len, cells[name])])
+        numeric = pd.api.types.is_numeric_dtype(frame[name])
+        left -= 3 + (longest if numeric else max(len(str(name)), min(longest, LEAST_TEXT)))
+        if left < 0 and names:
+            break
+        names.append(name)
+    return names
+
+
+def print_sentences(sentences: Sequence[str], console: Console) -> None:
+    """Print sentences, and a command that one ends with on a line of its own, not broken, so that it can be copied."""
+    for each in sentences:
+        told, command = split_command(each)
+        console.print(f"  {told}", highlight=False, markup=False)
+        if command:
+            console.print(f"    {command}", highlight=False, markup=False, soft_wrap=True)
+    console.print()
+
+
+def split_command(sentence: str) -> tuple[str, str]:
+    """Return a sentence and the command of this program that it ends with, if it does."""
+    found = COMMAND.search(sentence)
+    return (sentence[: found.start()].rstrip(), found.group()) if found else (sentence, "")
 
 
 def is_prose(frame: pd.DataFrame) -> bool:

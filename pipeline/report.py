@@ -3,9 +3,8 @@
 A run's ledger, tables and figures flow in; one self-contained page flows out, with no request to any other place.
 """
 
-import json
 import logging
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +15,6 @@ from rich.console import Console
 from pipeline.checkout import describe_commit
 from pipeline.config import Study
 from pipeline.failures import describe_reason, read_traceback
-from pipeline.flat import flatten, show
 from pipeline.ledger import Ledger
 from pipeline.page import (
     Block,
@@ -29,18 +27,24 @@ from pipeline.page import (
     show_traceback,
     write_page,
 )
-from pipeline.printing import ROWS_SHOWN_WHOLE, add_unit, format_value, is_prose, print_frame
+from pipeline.printing import (
+    ROWS_SHOWN_WHOLE,
+    add_unit,
+    format_count,
+    format_value,
+    join_some,
+    print_frame,
+    print_sentences,
+)
 from pipeline.stage import Stage
 from pipeline.table import Table, read_frame
 
 log = logging.getLogger("pamid")
 
 PAGE_NAME = "report.html"
-VERDICT = "verdict.json"
-"""Document that is told before all tables."""
 ROWS_OF_A_LONG_TABLE = 6
-ROWS_SHOWN_AT_ONCE = 8
-"""Of a list in the verdict, up to which it is open."""
+TITLES = {"remark": "What to bear in mind", "finding": "What was found", "advice": "What to do next"}
+"""Of what tables of sentences say, by their role, in the order in which a terminal shows it."""
 
 
 def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: str | None = None) -> Path:
@@ -54,22 +58,21 @@ def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: 
     reached = stages[: names.index(last) + 1] if last in names else stages  # what is kept of later ones is older
     done = [each for each in reached if ledger.finished(each.name)]
     headline = headline_tables(study, done)
-    shown_first = [each.name for each in done if any(table in headline for table in each.writes)]
-    workflow = study.settings.workflow.name
+    pictures = _order_pictures(ledger, done, headline)
+    workflow = study.settings.workflow.name.replace("_", " ")
     path = ledger.folder / PAGE_NAME
     write_page(
         path,
         title=f"{workflow} {ledger.name}",
-        heading=workflow.replace("_", " ").capitalize(),
+        heading=workflow[:1].upper() + workflow[1:],
         lead=f"Run {ledger.name}",
         status=status,
-        opening=[("command", ledger.facts["command"]), ("facts", _list_facts(ledger)), *_show_failure(ledger, status)],
+        opening=_show_failure(ledger, status),
         sections=[
-            Section("Result", _show_result(ledger, headline, shown_first)),
-            Section("Verdict", [block for each in done for block in _show_verdict(ledger, each)]),
-            Section("Plan", [("grid", _make_plan(ledger, stages, reached))]),
-            *(Section(each.name, _show_stage(ledger, each, each.name in shown_first)) for each in done),
-            Section("Configuration", [("text", OmegaConf.to_yaml(OmegaConf.create(study.values)))]),
+            Section("Found", _show_finding(ledger, headline, pictures[:1])),
+            Section("Pictures", [("pictures", pictures[1:])] if pictures[1:] else []),
+            Section("Tables", [block for each in headline for block in _show_headline(ledger, each)]),
+            Section("How it was made", _show_making(ledger, study, stages, reached)),
         ],
     )
     return path
@@ -96,11 +99,48 @@ def headline_tables(study: Study, stages: Sequence[Stage]) -> list[Table]:
 
 
 def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], console: Console) -> None:
-    """Print the headline tables of a run."""
-    done = [each for each in stages if ledger.finished(each.name)]
-    for table in headline_tables(study, done):
+    """Print the headline tables of a run that have rows; what was found, and what to do next, last."""
+    headline = headline_tables(study, [each for each in stages if ledger.finished(each.name)])
+    for table in headline:
         frame = _read(ledger, table)
-        print_frame(table.title, frame[list(table.brief or frame.columns)], console)
+        if table.role == "data" and len(frame):
+            kept, told = _shorten(table, frame)
+            shown, units = table.show(kept)
+            heads = [add_unit(name, "%") if units[name] == "%" else name for name in shown.columns]
+            print_frame(table.title, shown.set_axis(heads, axis="columns"), console)
+            if told:
+                console.print(f"  {told}", highlight=False, markup=False)
+    for role, title in TITLES.items():
+        sentences = _list_sentences(ledger, headline, role)
+        if sentences:
+            console.print(title, style="bold")
+            print_sentences(sentences, console)
+
+
+def _shorten(table: Table, frame: pd.DataFrame) -> tuple[pd.DataFrame, str]:
+    """Return the columns and rows that decide, and in words which rows are left out."""
+    kept, told = frame, ""
+    if table.main and (main := frame[table.main[0]] == table.main[1]).any():
+        kept = frame[main]
+    elif table.minor and (below := frame[table.minor[0]] < table.minor[1]).sum() > 1:
+        kept = frame[~below]
+        names = frame.loc[below].select_dtypes(exclude="number").iloc[:, 0].astype(str).str.replace("_", " ")
+        told = f"{below.sum()} others have a {table.minor[0].replace('_', ' ')} below {table.minor[1]:g}: "
+        told += f"{join_some(list(dict.fromkeys(names)), 4)}."
+    return kept[list(table.brief or frame.columns)], told
+
+
+def _list_sentences(ledger: Ledger, headline: Sequence[Table], role: str) -> list[str]:
+    """Return what tables of a role say, with the run's folder where they speak of it."""
+    frames = [_read(ledger, each) for each in headline if each.role == role]
+    return [each.replace("FOLDER", str(ledger.folder)) for frame in frames for each in list_sentences(frame)]
+
+
+def _order_pictures(ledger: Ledger, done: Sequence[Stage], headline: Sequence[Table]) -> list[Picture]:
+    """Return all pictures, first those of the stages that write headline tables, in the order of these."""
+    writers = {table.name: each.name for each in done for table in each.writes}
+    names = dict.fromkeys([*(writers[table.name] for table in headline), *(each.name for each in done)])
+    return [picture for name in names for picture in _list_pictures(ledger, name)]
 
 
 def _make_plan(ledger: Ledger, stages: Sequence[Stage], reached: Sequence[Stage]) -> dict[str, Any]:
@@ -132,74 +172,64 @@ def _list_facts(ledger: Ledger) -> list[tuple[str, str]]:
 def _show_failure(ledger: Ledger, status: str) -> list[Block]:
     if not ledger.facts["error"]:
         return []
-    kept = "What was done before is kept; the command above goes on from there."
+    kept: list[Block] = [("note", "What was done before is kept; this goes on from there, when that is mended:")]
     traceback = read_traceback(ledger.folder) if status == "failed" else ""
-    blocks: list[Block] = [("status", (status, describe_reason(ledger, status))), ("note", kept)]
+    blocks: list[Block] = [("status", (status, describe_reason(ledger, status))), *kept]
+    blocks.append(("command", ledger.facts["command"]))
     return [("failure", blocks + show_traceback("traceback", traceback, is_open=True))]
 
 
-def _show_result(ledger: Ledger, headline: Sequence[Table], shown_first: Sequence[str]) -> list[Block]:
-    """Return the sentences that the workflow wants seen first, then the figures, then the other tables."""
-    frames = [(table, _read(ledger, table)) for table in headline]
-    prose: list[Block] = [("prose", list_sentences(frame)) for _, frame in frames if is_prose(frame)]
-    pictures: list[Block] = [("pictures", [each]) for name in shown_first for each in _list_pictures(ledger, name)]
-    others: list[Block] = []
-    for table, frame in frames:
-        if not is_prose(frame) and len(frame):
-            others += [("heading", table.title), *_show_rows(table, frame)]
-    return prose + pictures + others
+def _show_finding(ledger: Ledger, headline: Sequence[Table], pictures: Sequence[Picture]) -> list[Block]:
+    """Return what was found, the picture that shows it, what to do next, and what to bear in mind."""
+    found = {role: _list_sentences(ledger, headline, role) for role in TITLES}
+    told: list[Block] = [("finding", found["finding"])] if found["finding"] else []
+    if found["advice"]:
+        told += [("heading", TITLES["advice"]), ("prose", found["advice"])]
+    if found["remark"]:
+        title = f"{TITLES['remark']} ({len(found['remark'])})"
+        told.append(make_details(title, [("prose", found["remark"])]))
+    shown: list[Block] = [("pictures", pictures)] if pictures else []
+    return [("beside", (told, shown))] if told and shown else told + shown
 
 
-def _show_verdict(ledger: Ledger, stage: Stage) -> list[Block]:
-    """Return a stage's verdict as values by dotted key, and a grid for each of its lists of sections."""
-    if VERDICT not in ledger.records[stage.name]["files"]:
+def _show_headline(ledger: Ledger, table: Table) -> list[Block]:
+    """Return the columns and rows of a table that decide, and the rest for who asks for it."""
+    frame = _read(ledger, table)
+    if table.role != "data" or frame.empty:
         return []
-    values = json.loads((ledger.folder / VERDICT).read_text(encoding="utf-8"))
-    lists = {
-        key: each
-        for key, each in values.items()
-        if isinstance(each, list) and each and all(isinstance(row, Mapping) for row in each)
-    }
-    rest = {key: each for key, each in values.items() if key not in lists}
-    blocks: list[Block] = [("facts", [*flatten(rest, form=_format).items()] if rest else [])]
-    for key, rows in lists.items():
-        heads = list(dict.fromkeys(name for row in rows for name in row))
-        cells = [[each if _is_plain(each := row.get(name)) else _list_lines(each) for name in heads] for row in rows]
-        grid: Block = ("grid", make_rows(heads, cells))
-        blocks.append(make_details(f"{key} ({len(rows)})", [grid], len(rows) <= ROWS_SHOWN_AT_ONCE))
-    return blocks
+    kept, told = _shorten(table, frame)
+    blocks: list[Block] = [("heading", table.title), ("grid", _make_grid(table, kept))]
+    blocks += [("note", told)] if told else []
+    whole = kept.shape == frame.shape
+    size = f"{format_count(len(frame), 'row')} and {len(frame.columns)} columns"
+    summary = "what the columns mean" if whole else f"all {size}, and what they mean"
+    return [*blocks, make_details(summary, _show_rows(table, frame) if not whole else [_show_meanings(table, frame)])]
 
 
-def _list_lines(section: Any) -> str:
-    """Return the values of a section, one a line."""
-    return "\n".join(f"{key}: {text}" if key else text for key, text in flatten(section, form=_format).items())
+def _show_making(ledger: Ledger, study: Study, stages: Sequence[Stage], reached: Sequence[Stage]) -> list[Block]:
+    """Return by which command, on what, and from which stages and configuration a run was made."""
+    done = [each for each in reached if ledger.finished(each.name)]
+    configuration = OmegaConf.to_yaml(OmegaConf.create(study.values))
+    return [
+        ("command", ledger.facts["command"]),
+        ("facts", _list_facts(ledger)),
+        make_details("plan: what each stage did, and why", [("grid", _make_plan(ledger, stages, reached))]),
+        *(make_details(f"{each.name}: {each.summary}", _show_stage(ledger, each)) for each in done),
+        make_details("configuration", [("text", configuration)]),
+    ]
 
 
-def _format(value: Any) -> str:
-    """Return a value as a page shows it; a list of plain values is one."""
-    if isinstance(value, list) and all(map(_is_plain, value)):
-        return ", ".join(map(format_value, value)) or "-"
-    return format_value(value) if _is_plain(value) else show(value)
-
-
-def _is_plain(value: Any) -> bool:
-    return value is None or isinstance(value, int | float | str)
-
-
-def _show_stage(ledger: Ledger, stage: Stage, shown_above: bool) -> list[Block]:
+def _show_stage(ledger: Ledger, stage: Stage) -> list[Block]:
     record = ledger.records[stage.name]
     made = f"Made in {record.get('seconds')} s: {record['reason']}."
     if record["origin"] != ledger.name:
         made = f"Made in run {record['origin']} and reused."
-    blocks: list[Block] = [("note", stage.summary), ("note", made)]
-    pictures = _list_pictures(ledger, stage.name)
-    blocks += [("note", f"{each.caption}: see the result.") for each in pictures if shown_above]
-    blocks += [("pictures", [each]) for each in pictures if not shown_above]
+    blocks: list[Block] = [("note", made)]
     for table in stage.writes:
         frame = _read(ledger, table)
         part = "" if len(frame) <= ROWS_SHOWN_WHOLE else f", the first {ROWS_OF_A_LONG_TABLE} here"
-        note = f"{table.title}. {len(frame)} rows{part}; tables/{table.name}.parquet"
-        blocks += [("heading", table.name), ("note", note), *_show_rows(table, frame)]
+        note = f"{table.title}. {format_count(len(frame), 'row')}{part}; tables/{table.name}.parquet"
+        blocks += [("heading", table.name), ("note", note), *(_show_rows(table, frame) if len(frame) else [])]
     for file, facts in record["files"].items():
         if facts["kind"] == "document":
             text = (ledger.folder / file).read_text(encoding="utf-8")
@@ -227,7 +257,13 @@ def _read(ledger: Ledger, table: Table) -> pd.DataFrame:
 def _show_rows(table: Table, frame: pd.DataFrame) -> list[Block]:
     """Return the first rows of a table, and what its columns mean."""
     shown = frame if len(frame) <= ROWS_SHOWN_WHOLE else frame.head(ROWS_OF_A_LONG_TABLE)
-    described = [each for each in table.describe() if each[0] in frame.columns]
-    units = {name: unit for name, unit, _ in described}
-    grid = make_grid(shown, units, {name: meaning for name, _, meaning in described})
-    return [("grid", grid), ("meanings", grid)]
+    return [("grid", _make_grid(table, shown)), _show_meanings(table, frame)]
+
+
+def _show_meanings(table: Table, frame: pd.DataFrame) -> Block:
+    return "meanings", _make_grid(table, frame.head(0))
+
+
+def _make_grid(table: Table, frame: pd.DataFrame) -> dict[str, Any]:
+    shown, units = table.show(frame)
+    return make_grid(shown, units, {name: meaning for name, _, meaning in table.describe()})

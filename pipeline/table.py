@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import pandas as pd
 import pandera.pandas as pa
@@ -40,17 +40,18 @@ def column(
     among: Iterable[Any] | None = None,
     nullable: bool = False,
     optional: bool = False,
+    percent: bool = False,
 ) -> pa.Column:
     """Declare one column of a table: of int, float, str or bool, with one line for the report and the Parquet file.
 
     The unit is ``"1"`` for ratios, counts and names. Values lie in the closed range from `low` to `high`, or `among`
     the only ones allowed; they may be missing where the column is `nullable`. An `optional` column may be absent as a
-    whole.
+    whole. A ratio in `percent` is kept as it is and shown in per cent.
     """
     allowed = None if among is None else list(among)
     limits = ((pa.Check.ge, low), (pa.Check.le, high), (pa.Check.isin, allowed))
     checks = [check(limit) for check, limit in limits if limit is not None]
-    metadata = {"unit": unit}
+    metadata = {"unit": unit, "percent": percent}
     return pa.Column(
         dtype, checks, nullable=nullable, required=not optional, description=description, metadata=metadata
     )
@@ -61,7 +62,10 @@ class Table:
     """The contract of one table: the name of its file and of the parameter by which stages read it, what a row is.
 
     The columns are in the order of the file. The values of the `key` columns together name a row once, where there are
-    such columns. Of a headline table the terminal shows the `brief` columns, or all where there are none.
+    such columns. Of a headline table the `brief` columns are shown, or all where there are none; of its rows those that
+    have the value of the `main` column, if one does, and of those in which the `minor` column is below a limit only how
+    many there are. A table of sentences, in one column, has a role: it
+    tells what was found, what to do next, or what to bear in mind.
     """
 
     name: str
@@ -69,6 +73,9 @@ class Table:
     columns: Mapping[str, pa.Column]
     key: tuple[str, ...] = ()
     brief: tuple[str, ...] = ()
+    main: tuple[str, str] | None = None
+    minor: tuple[str, float] | None = None
+    role: Literal["data", "finding", "advice", "remark"] = "data"
 
     @cached_property
     def schema(self) -> pa.DataFrameSchema:
@@ -133,6 +140,13 @@ class Table:
     def read(self, path: Path) -> pd.DataFrame:
         """Read `path` and check it."""
         return self.check(read_frame(path), str(path))
+
+    def show(self, frame: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
+        """Return a frame as it is to be read, ratios that are so declared in per cent, and the units of its columns."""
+        shown = {name: each.metadata or {} for name, each in self.columns.items() if name in frame.columns}
+        parts = [name for name, each in shown.items() if each.get("percent")]
+        units = {name: str(each.get("unit", "1")) for name, each in shown.items()}
+        return frame.assign(**{name: 100.0 * frame[name] for name in parts}), units | dict.fromkeys(parts, "%")
 
     def describe(self) -> list[tuple[str, str, str]]:
         """Return name, unit and description of each column."""

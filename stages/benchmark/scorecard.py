@@ -66,14 +66,17 @@ SCORECARD = Table(
         "measure": column(str, "what is counted"),
         "magnitude": column(str, "of the effects, or all"),
         "n": column(int, "sessions", low=0),
-        "value": column(float, "share of them, or median", nullable=True),
-        "low": column(float, "lower end of the interval: Wilson's, or of order statistics", nullable=True),
-        "high": column(float, "upper end of it", nullable=True),
-        "target": column(float, "that it should reach, or stay below"),
+        "value": column(float, "share of them, or median", percent=True, nullable=True),
+        "low": column(
+            float, "lower end of the interval: Wilson's, or of order statistics", percent=True, nullable=True
+        ),
+        "high": column(float, "upper end of it", percent=True, nullable=True),
+        "target": column(float, "that it should reach, or stay below", percent=True),
         "at_most": column(bool, "whether it should stay below"),
         "met": column(bool, "whether it does; also where there are no sessions"),
     },
     key=("measure", "magnitude"),
+    brief=("measure", "magnitude", "n", "value", "target", "met"),
 )
 SCORECARD_CELLS = Table(
     "scorecard_cells",

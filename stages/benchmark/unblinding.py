@@ -30,7 +30,9 @@ COMPARISON_WITH_TRUTH = Table(
     },
     key=("muscle", "channel"),
 )
-OUTCOME = Table("outcome", "What came out when the seal was opened", {"outcome": column(str, "a sentence")})
+OUTCOME = Table(
+    "outcome", "What came out when the seal was opened", {"outcome": column(str, "a sentence")}, role="finding"
+)
 
 
 class Config(Section):
@@ -68,8 +70,6 @@ def unblinding(
         _describe_named(named_effects, hidden, left=left),
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
         f"{100 * after:.2g} %{mended}; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
-        "Identification on the amended simulator: python -m pipeline plant=FOLDER/documents/amended.yaml, with this "
-        "run's folder.",
     ]
     return {
         COMPARISON_WITH_TRUTH.name: pd.DataFrame(rows, columns=list(COMPARISON_WITH_TRUTH.columns)),

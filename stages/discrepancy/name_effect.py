@@ -35,12 +35,16 @@ RANKING = Table(
         "form": column(str, "its forms, most probable on each muscle; empty where it is no effect"),
         "site": column(str, "where it acts; empty where it is no effect"),
         "probability": column(float, "in this round; sums to 1", low=0, high=1),
-        "heldout_gap": column(float, "RMSE over range, root mean square over channels, trials left out", low=0),
+        "heldout_gap": column(
+            float, "RMSE over range, root mean square over channels, trials left out", percent=True, low=0
+        ),
         "gap_over_floor": column(float, "gap over noise floor, root mean square over channels", low=0),
-        "absorbed_share": column(float, "share of its change that the constants imitate", low=0, high=1),
+        "absorbed_share": column(float, "share of its change that the constants imitate", percent=True, low=0, high=1),
         "absorbed": column(bool, "whether so much that it cannot be named"),
     },
     key=("round", "name"),
+    brief=("round", "name", "site", "probability", "heldout_gap"),
+    minor=("probability", 0.01),
 )
 DECISION = Table(
     "decision",

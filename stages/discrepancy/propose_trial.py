@@ -53,7 +53,7 @@ PROPOSED_SIGNALS = Table(
     },
     key=("channel", "muscle", "signal", "time_s"),
 )
-PROPOSAL = Table("proposal", "What to record next", {"proposal": column(str, "a sentence")})
+PROPOSAL = Table("proposal", "What to record next", {"proposal": column(str, "a sentence")}, role="advice")
 
 
 class Config(Section):

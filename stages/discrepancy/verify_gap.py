@@ -1,12 +1,12 @@
 """The gap before, after each addition, and the noise floor, on trials opened once; and the verdict.
 
 In: everything before. Out: `verification` (a row per addition, for simulation from measured upstream signals and for
-free-run simulation), `predictions` (each sample as measured, simulated before and simulated after), `findings` (the
-verdict in words) and the document ``verdict.json``.
+free-run simulation), `predictions` (each sample as measured, simulated before and simulated after), `findings`,
+`remarks` and `next_steps` (the verdict, its limits and what to do, in words) and the document ``verdict.json``.
 """
 
 import math
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -20,6 +20,7 @@ from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.patch import read_patches
 from stages.science.discrepancy.report_text import (
+    describe_absorbed,
     describe_bands,
     describe_bounds,
     describe_few_trials,
@@ -33,6 +34,7 @@ from stages.science.discrepancy.report_text import (
     describe_remainder,
     describe_scales,
     describe_silent_channels,
+    describe_sizes,
     describe_times,
     describe_uninformative,
     describe_verdict,
@@ -78,14 +80,15 @@ VERIFICATION = Table(
         "step": column(int, "effects added", low=0),
         "label": column(str, "what was added, or the noise floor"),
         "trials": column(int, "in that part", low=1),
-        "gap": column(float, "RMSE over range, root mean square over channels and trials", low=0),
-        "low": column(float, "lower end of the interval over resampled trials", low=0),
-        "high": column(float, "upper end of it", low=0),
+        "gap": column(float, "RMSE over range, root mean square over channels and trials", percent=True, low=0),
+        "low": column(float, "lower end of the interval over resampled trials", percent=True, low=0),
+        "high": column(float, "upper end of it", percent=True, low=0),
         "gap_over_std": column(float, "RMSE over the measured standard deviation", low=0, nullable=True),
         "p_value": column(float, "of no change against the nominal model, signs flipped exactly", low=0, high=1),
         "p_step": column(float, "of no fall from the step before, signs flipped exactly", low=0, high=1),
     },
     key=("part", "simulation", "step"),
+    brief=("simulation", "label", "gap", "low", "high", "p_step"),
 )
 PREDICTIONS = Table(
     "predictions",
@@ -121,7 +124,10 @@ POOLING = (
 )
 MOST_SHOWN = 4
 """Muscles whose trials are drawn."""
-FINDINGS = Table("findings", "What was found", {"finding": column(str, "a sentence")})
+SENTENCE = {"sentence": column(str, "in words")}
+FINDINGS = Table("findings", "What was found", SENTENCE, role="finding")
+REMARKS = Table("remarks", "What to bear in mind", SENTENCE, role="remark")
+NEXT_STEPS = Table("next_steps", "What to do next", SENTENCE, role="advice")
 
 
 class Config(Section):
@@ -133,7 +139,7 @@ class Config(Section):
     seed: int
 
 
-@stage(VERIFICATION, PREDICTIONS, FINDINGS, stream="verify_gap")
+@stage(VERIFICATION, PREDICTIONS, FINDINGS, REMARKS, NEXT_STEPS, stream="verify_gap")
 def verify_gap(
     cfg: Config,
     tables: DatasetTables,
@@ -197,39 +203,39 @@ def verify_gap(
     )
     draw_trials(predictions, channels[channels["channel"].isin(concerned)], ctx)
     if status == "named":
-        draw_signatures(trace_effects(dataset, found), ctx)
+        draw_signatures(trace_effects(dataset, found), verdict["effects"], ctx)
     report = settings.report
     comparable = predictions[predictions["part"] != "other"]
     odd = find_odd_trials(comparable, report.odd_trial)
-    relevant = list_confounded(ranking, {row["channel"] for row in places})
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
-    warnings = [
+    findings = [
         *suspect_muscles(tables.measured, tables.measured_muscles),
         *describe_uninformative(float(driven["gap_over_std"].iloc[last])),
+        *describe_verdict(verdict, places, settings),
+        *describe_maps(maps, settings.significance),
+        *describe_remainder(remainder, status, report),
+        *describe_few_trials(len(dataset.fitted), len(test), report.few_trials),
     ]
     remarks = [
+        *describe_absorbed(list_confounded(ranking, {row["channel"] for row in places})),
         *describe_times(verdict["effects"], dataset.plant),
         *(describe_scales(dataset.plant) if status == "named" else []),
         *describe_loaded_maps(dataset),
-        *describe_maps(maps, settings.significance),
         describe_bands(bands),
-        *describe_remainder(remainder, status, report),
-        *describe_own_effect(own_effect),
         *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
         *describe_odd_trials(odd.to_dict("records")),
         *describe_bounds(amended_values),
         *describe_rate(dataset.outputs[0]),
         *describe_forgotten(dataset.outputs[0], dataset.plant, report.most_forgotten),
-        *describe_few_trials(len(dataset.fitted), len(test), report.few_trials),
         *describe_high_floor(channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf),
-        describe_command(tables.measured_session.iloc[0], cfg.exoskeleton.load_cell_site),
     ]
+    command = describe_command(tables.measured_session.iloc[0], cfg.exoskeleton.load_cell_site)
     return {
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions,
-        FINDINGS.name: pd.DataFrame(
-            {"finding": [*warnings, *describe_verdict(verdict, places, relevant, remarks, settings)]}
-        ),
+        FINDINGS.name: pd.DataFrame({"sentence": findings}),
+        REMARKS.name: pd.DataFrame({"sentence": remarks}),
+        NEXT_STEPS.name: pd.DataFrame({"sentence": [command, *describe_own_effect(own_effect)]}),
     }
 
 
@@ -267,12 +273,12 @@ def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -
 
 def describe_command(session: pd.Series, simulated_at: str) -> str:
     """Return how to simulate with the amended plant."""
-    told = "The amended plant is documents/amended.yaml in the run's folder; simulate with it: python -m pipeline "
+    told = "Simulate with the amended plant, FOLDER/documents/amended.yaml: "
     if session["kind"] == "records":
-        return f"{told}workflow=discrepancy plant=FOLDER/documents/amended.yaml and what else you typed"
+        return f"{told}add plant=FOLDER/documents/amended.yaml to the command of this run."
     site = str(session["load_cell_site"])
     elsewhere = "" if site in ("unknown", simulated_at) else f" exoskeleton.load_cell_site={site}"
-    return f"{told}plant=FOLDER/documents/amended.yaml{elsewhere}"
+    return f"{told}python -m pipeline plant=FOLDER/documents/amended.yaml{elsewhere}"
 
 
 def draw_trials(predictions: pd.DataFrame, channels: pd.DataFrame, ctx: Context) -> None:
@@ -292,13 +298,14 @@ def draw_trials(predictions: pd.DataFrame, channels: pd.DataFrame, ctx: Context)
         )
 
 
-def draw_signatures(traced: pd.DataFrame, ctx: Context) -> None:
-    """Draw what each added effect does, over the residual without it."""
+def draw_signatures(traced: pd.DataFrame, effects: Sequence[Mapping[str, Any]], ctx: Context) -> None:
+    """Draw what each added effect does, over the residual without it, and tell its sizes."""
+    told = {each["name"]: describe_sizes(each) for each in effects}
     for name, rows in traced.groupby("effect", sort=False):
         known = find_effect(str(name), str(rows["form"].mode().iloc[0]))
         ctx.figure(
             f"signature_{name}",
             draw_effect_signature(rows, known.signature),
-            f"What {str(name).replace('_', ' ')} adds (lines), over the residual of the amended model without it on "
-            "verification trials (points, two standard errors).",
+            f"{told[str(name)]} Lines: what it adds; points: the residual of the amended model without it on "
+            "verification trials, with two standard errors.",
         )

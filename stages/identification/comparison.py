@@ -2,7 +2,7 @@
 
 In: `bank` (a test set, with force), `hyperprior`, `scaling`, `models`, `points`, `trials`, and `unseen_bank` and
 `task_movements` (further test sets) where there are some. Out: `learning_curve`, `learning_summary`, `final_errors`,
-`paired_comparison`, `recommendation`.
+`paired_comparison`, and in words `learning_findings` and `advice`.
 This stage only reads: it chooses and measures nothing.
 """
 
@@ -17,6 +17,7 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.figures.canvas import spell_arm
 from stages.science.figures.learning_curves import draw_learning_curves
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, ENDED, average_muscles, carry_forward
 from stages.science.muscle_models.inputs import ModelSettings
@@ -30,9 +31,17 @@ from stages.science.statistics.verdicts import LEVEL, judge_differences
 DESCRIBED = {
     "bank": "the bank that trials were chosen from",
     "unseen_bank": "a second bank that nothing else saw",
-    "task": "the movements that models are wanted for",
+    "task": "the task, the movements that models are wanted for",
 }
 
+SHOWN_ORDER = ("task", "unseen_bank", "bank")
+"""Test sets, the one that matters most first."""
+WAYS = {
+    "integrated_variance": "by how much it lowers the variance expected over what models are wanted for",
+    "y_y": "the paper's, by what a new measurement tells of the model",
+    "variance": "by the variance of its predictions",
+    "random": "by chance",
+}
 ARM = column(str, "how trajectories were chosen")
 TESTED_ON = column(
     str,
@@ -51,7 +60,7 @@ LEARNING_CURVE = Table(
         "tested_on": TESTED_ON,
         "muscle": column(str, "muscle"),
         "rmse_n": column(float, "root mean square error of the force", unit="N", low=0),
-        "error_rate": column(float, "the same over the largest force of the test data", low=0),
+        "error_rate": column(float, "the same over the largest force of the test data", percent=True, low=0),
     },
     key=("participant", "experiment", "arm", "trial", "tested_on", "muscle"),
 )
@@ -63,8 +72,8 @@ LEARNING_SUMMARY = Table(
         "arm": ARM,
         "trial": column(int, "trials learned from", low=0),
         "muscle": column(str, "muscle, or mean for the average over muscles"),
-        "error_rate_mean": column(float, "mean over experiments", low=0),
-        "error_rate_sd": column(float, "standard deviation over experiments", low=0, nullable=True),
+        "error_rate_mean": column(float, "mean over experiments", percent=True, low=0),
+        "error_rate_sd": column(float, "standard deviation over experiments", percent=True, low=0, nullable=True),
         "experiments": column(int, "how many", low=1),
     },
     key=("tested_on", "arm", "trial", "muscle"),
@@ -76,15 +85,19 @@ FINAL_ERRORS = Table(
         "tested_on": TESTED_ON,
         "muscle": column(str, "muscle, or mean for the average over muscles"),
         "arm": ARM,
-        "before": column(float, "mean error rate of the initial data alone", low=0),
-        "after": column(float, "mean error rate after the last trial", low=0),
-        "after_sd": column(float, "standard deviation of the latter over experiments", low=0, nullable=True),
+        "before": column(float, "mean error rate of the initial data alone", percent=True, low=0),
+        "after": column(float, "mean error rate after the last trial", percent=True, low=0),
+        "after_sd": column(
+            float, "standard deviation of the latter over experiments", percent=True, low=0, nullable=True
+        ),
         "experiments": column(int, "how many", low=1),
         "trials": column(
             float, "trials that were executed, mean over experiments, where active_loop.until is set", optional=True
         ),
     },
     key=("tested_on", "muscle", "arm"),
+    brief=("tested_on", "arm", "before", "after", "after_sd"),
+    main=("muscle", ALL_MUSCLES),
 )
 PAIRED_COMPARISON = Table(
     "paired_comparison",
@@ -95,11 +108,11 @@ PAIRED_COMPARISON = Table(
         "design": column(str, "arm"),
         "control": column(str, "arm"),
         "n": column(int, "experiments", low=1),
-        "design_mean": column(float, "error rate", low=0),
-        "control_mean": column(float, "error rate", low=0),
-        "difference": column(float, "design minus control"),
-        "low": column(float, "lower end of its 95 % interval (t)", nullable=True),
-        "high": column(float, "upper end of its 95 % interval (t)", nullable=True),
+        "design_mean": column(float, "error rate", percent=True, low=0),
+        "control_mean": column(float, "error rate", percent=True, low=0),
+        "difference": column(float, "design minus control", percent=True),
+        "low": column(float, "lower end of its 95 % interval (t)", percent=True, nullable=True),
+        "high": column(float, "upper end of its 95 % interval (t)", percent=True, nullable=True),
         "d_z": column(float, "effect size: difference over the SD of differences", nullable=True),
         "wins": column(int, "experiments in which the design is better", low=0),
         "p_t": column(float, "two-sided paired t-test", low=0, high=1, nullable=True),
@@ -110,20 +123,12 @@ PAIRED_COMPARISON = Table(
         "verdict": column(str, f"at p_holm below {LEVEL}", among=["design better", "control better", "undecided"]),
     },
     key=("tested_on", "measure", "design", "control", "n"),
-    brief=("tested_on", "measure", "control", "n", "difference", "low", "high", "d_z", "p_holm", "verdict"),
+    brief=("tested_on", "control", "difference", "p_holm", "verdict"),
+    main=("measure", "final"),
 )
-RECOMMENDATION = Table(
-    "recommendation",
-    "How to choose trajectories, by the largest number of experiments",
-    {
-        "tested_on": TESTED_ON,
-        "measure": column(str, "final: after the last trial; curve: averaged over trials 1 to the last"),
-        "n": column(int, "experiments", low=1),
-        "recommended": ARM,
-        "advice": column(str, "in words"),
-    },
-    key=("tested_on", "measure"),
-)
+SENTENCE = {"sentence": column(str, "in words")}
+LEARNING_FINDINGS = Table("learning_findings", "What was found", SENTENCE, role="finding")
+ADVICE = Table("advice", "What to do next", SENTENCE, role="advice")
 
 
 class Comparison(Section):
@@ -139,7 +144,7 @@ class Config(Section):
     model: ModelSettings
 
 
-@stage(LEARNING_CURVE, LEARNING_SUMMARY, FINAL_ERRORS, PAIRED_COMPARISON, RECOMMENDATION)
+@stage(LEARNING_CURVE, LEARNING_SUMMARY, FINAL_ERRORS, PAIRED_COMPARISON, LEARNING_FINDINGS, ADVICE)
 def comparison(
     cfg: Config,
     bank: pd.DataFrame,
@@ -177,23 +182,40 @@ def comparison(
     kept = keep_common(curve, len(arms))
     common = carry_forward(kept)
     summary = summarise(common, list(tests), arms, muscles)
-    ended = "" if common is kept else ENDED
-    for tested_on in tests:
-        its = summary[summary["tested_on"] == tested_on]
-        experiments = int(its["experiments"].max())
-        caption = (
-            "Error rate (RMSE over the largest force of the test data) after each trial, for every muscle and their "
-            f"average: mean and standard deviation (of {arms[0]}, where there are many arms) over "
-            f"{experiments} experiment{'s' * (experiments > 1)}, tested on {DESCRIBED[tested_on]}. Trial 0 is the "
-            f"initial data, the same for every arm.{ended}"
-        )
-        name = "learning_curve" if tested_on == "bank" else f"learning_curve_{tested_on}"
-        ctx.figure(name, draw_learning_curves(its, arms, [ALL_MUSCLES, *muscles]), caption)
+    shown = [name for name in SHOWN_ORDER if name in tests]
+    told = f"{'' if common is kept else ENDED} {describe_arms(arms)}"
+    experiments = int(summary["experiments"].max())
+    caption = (
+        f"Error rate (RMSE over the largest force of the test data) after each trial, mean and standard deviation (of "
+        f"{arms[0]}, where there are many arms) over {experiments} experiment{'s' * (experiments > 1)}. Trial 0 is the "
+        "initial data, the same for every arm"
+    )
+    mean = summary[summary["muscle"] == ALL_MUSCLES]
+    titles = {name: f"tested on {DESCRIBED[name]}" for name in shown}
+    ctx.figure(
+        "learning_curve",
+        draw_learning_curves(mean.assign(muscle=mean["tested_on"]), arms, shown, titles=titles),
+        f"{caption}; average of the muscles.{told}",
+    )
+    its = summary[summary["tested_on"] == shown[0]]
+    ctx.figure(
+        "learning_curve_muscles",
+        draw_learning_curves(its, arms, muscles),
+        f"{caption}; each muscle, tested on {DESCRIBED[shown[0]]}.{told}",
+    )
     compared = pair_arms(common, arms, cfg.comparison.experiments)
     final = describe_final_errors(summary, list(tests), arms, muscles)
     if {"expected_below", "expected_next"} & set(trials.columns):
         final["trials"] = final["arm"].map(count_trials(kept))
-    return curve, summary, final, compared, recommend(compared, arms[0])
+    largest = compared[compared["n"] == compared["n"].max()]
+    findings = describe_learning(final, mean, largest, shown, arms[0])
+    return (
+        curve,
+        summary,
+        final,
+        compared,
+        *(pd.DataFrame({"sentence": each}) for each in (findings, advise(largest, shown[0], arms))),
+    )
 
 
 def measure_errors(
@@ -279,24 +301,79 @@ def pair_arms(curve: pd.DataFrame, arms: Sequence[str], sizes: Sequence[int | No
     return pd.concat(frames, ignore_index=True)
 
 
-def recommend(compared: pd.DataFrame, design: str) -> pd.DataFrame:
-    """Return the rows of `recommendation`: the best of the controls that are shown to be better, else the design."""
-    rows = []
-    for (tested_on, measure), its in compared.groupby(["tested_on", "measure"], sort=False):
-        its = its[its["n"] == its["n"].max()]
-        better = its[its["verdict"] == "control better"].sort_values("control_mean")
-        worse = list(its.loc[its["verdict"] == "design better", "control"])
-        others = list(its.loc[its["verdict"] == "undecided", "control"])
-        if len(better):
-            best = better.iloc[0]
-            chosen = str(best["control"])
-            advice = (
-                f"choose by {chosen}: error rate lower than by {design} by {100 * best['difference']:.2g} points "
-                f"(95 % {100 * best['low']:.2g} to {100 * best['high']:.2g}); set active_loop.utility={chosen}"
-            )
-        else:
-            chosen, advice = design, f"keep {design}: no other choice is shown to be better"
-            advice += f"; it is better than {', '.join(worse)}" if worse else ""
-            advice += f"; undecided against {', '.join(others)}" if others else ""
-        rows.append((tested_on, measure, int(its["n"].max()), chosen, advice))
-    return pd.DataFrame(rows, columns=list(RECOMMENDATION.columns))
+def describe_arms(arms: Sequence[str]) -> str:
+    """Return what the names of arms mean, as far as a sentence can tell."""
+    told = [f"{spell_arm(name)}: {WAYS[name]}" for name in arms if name in WAYS]
+    return f"How the next trajectory is chosen (an arm): {'; '.join(told)}." if told else ""
+
+
+def describe_learning(
+    final: pd.DataFrame, mean: pd.DataFrame, compared: pd.DataFrame, tests: Sequence[str], design: str
+) -> list[str]:
+    """Return what the design's models came to on each test set, and how that compares with each control on the first.
+
+    `compared` has the rows of the largest number of experiments, `mean` those of `learning_summary` over all muscles.
+    """
+    rows = final[(final["muscle"] == ALL_MUSCLES) & (final["arm"] == design)].to_dict("records")
+    its = {str(row["tested_on"]): row for row in rows}
+    first, trials = its[tests[0]], int(mean["trial"].max())
+    n = int(first["experiments"])
+    spread = f", standard deviation {_percent(first['after_sd'])}" if n > 1 else ""
+    text = (
+        f"After {trials} designed trial{'s' * (trials > 1)} the models err by {_percent(first['after'])} of the "
+        f"largest force on {DESCRIBED[tests[0]]} ({n} experiment{'s' * (n > 1)}{spread}); before them it was "
+        f"{_percent(first['before'])}."
+    )
+    others = [f"{_percent(its[name]['after'])} on {DESCRIBED[name]}" for name in tests[1:]]
+    told = [f"{text} They err by {' and by '.join(others)}." if others else text]
+    curves = mean[mean["tested_on"] == tests[0]].pivot_table(index="trial", columns="arm", values="error_rate_mean")
+    pairs = compared[(compared["tested_on"] == tests[0]) & (compared["measure"] == "final")]
+    for row in pairs.to_dict("records"):
+        reached = curves.index[(curves[design] <= curves[row["control"]].iloc[-1]).to_numpy()]
+        told.append(_compare_with(row, reached, trials))
+    return told
+
+
+def _compare_with(row: Mapping[Any, Any], reached: pd.Index, trials: int) -> str:
+    """Return how a control ended beside the design, by a row of `paired_comparison`."""
+    chosen = "at random" if row["control"] == "random" else f"by {spell_arm(row['control'])}"
+    text = f"With trajectories chosen {chosen} they end at {_percent(row['control_mean'])}"
+    if pd.isna(row["p_holm"]):
+        return f"{text}; so few experiments tell nothing of chance."
+    points = f"{100 * abs(row['difference']):.2g} points"
+    ends = sorted(abs(100 * row[name]) for name in ("low", "high"))
+    doubt = f"95 % interval {ends[0]:.2g} to {ends[1]:.2g}, p = {row['p_holm']:.2g}"
+    if row["verdict"] == "undecided":
+        return f"{text}: which of both is better is undecided (p = {row['p_holm']:.2g})."
+    if row["verdict"] == "control better":
+        return f"{text}, which is better by {points} ({doubt})."
+    when = f", and reaches that at trial {int(reached[0])} of {trials}" if len(reached) else ""
+    return f"{text}: the design is better by {points} ({doubt}){when}."
+
+
+def advise(compared: pd.DataFrame, tested_on: str, arms: Sequence[str]) -> list[str]:
+    """Return what to do next, by the errors after the last trial: the best of the controls shown to be better, or more.
+
+    Rows are those of `paired_comparison` with the largest number of experiments.
+    """
+    rows = compared[(compared["tested_on"] == tested_on) & (compared["measure"] == "final")]
+    better = rows[rows["verdict"] == "control better"].sort_values("control_mean")
+    undecided = [spell_arm(each) for each in rows.loc[rows["verdict"] == "undecided", "control"]]
+    told = []
+    if len(better):
+        best = str(better["control"].iloc[0])
+        told.append(f"Choose by {spell_arm(best)}: python -m pipeline active_loop.utility={best}")
+    elif undecided:
+        told.append(
+            f"Whether {spell_arm(arms[0])} or {' or '.join(undecided)} is better, more experiments tell: "
+            "add subsampling.experiments=20 to the command of this run."
+        )
+    told.append(
+        "See which physical effect a textbook simulation lacks of such trials, and models that use it: "
+        "python -m pipeline experiment=naming"
+    )
+    return told
+
+
+def _percent(rate: float) -> str:
+    return f"{100 * rate:.2g} %" if rate < 0.1 else f"{100 * rate:.0f} %"

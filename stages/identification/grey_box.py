@@ -68,15 +68,21 @@ GREY_BOX_SUMMARY = Table(
     {
         "tested_on": TESTED_ON,
         "muscle": MUSCLE,
-        **{name: column(float, f"error rate: {told}", low=0) for name, told in DESCRIBED.items()},
+        **{name: column(float, f"error rate: {told}", percent=True, low=0) for name, told in DESCRIBED.items()},
         "process_covered": column(
-            float, "share of the forces within 95 % intervals of gaussian_process, mean over experiments", low=0, high=1
+            float,
+            "share of the forces within 95 % intervals of gaussian_process, mean over experiments",
+            percent=True,
+            low=0,
+            high=1,
         ),
-        "grey_box_covered": column(float, "the same of grey_box", low=0, high=1),
+        "grey_box_covered": column(float, "the same of grey_box", percent=True, low=0, high=1),
         "experiments": column(int, "how many", low=1),
         "points": column(float, "samples that the models of a muscle stand on, mean over experiments", low=1),
     },
     key=("tested_on", "muscle"),
+    brief=("tested_on", *DESCRIBED, "grey_box_covered"),
+    main=("muscle", ALL_MUSCLES),
 )
 GREY_BOX_ERRORS = Table(
     "grey_box_errors",
@@ -86,7 +92,7 @@ GREY_BOX_ERRORS = Table(
         "tested_on": TESTED_ON,
         "muscle": MUSCLE,
         "rung": column(str, "; ".join(f"{name}: {told}" for name, told in DESCRIBED.items()), among=list(RUNGS)),
-        "error_rate": column(float, "RMSE of the force over the largest force of the test data", low=0),
+        "error_rate": column(float, "RMSE of the force over the largest force of the test data", percent=True, low=0),
     },
     key=(*EXPERIMENT, "tested_on", "muscle", "rung"),
 )
@@ -100,7 +106,7 @@ GREY_BOX_COVERAGE = Table(
         "rung": column(str, "which model", among=[PROCESS, GREY_BOX]),
         "samples": column(int, "measured forces", low=1),
         "trajectories": column(int, "movements that they are of", low=1),
-        "share": column(float, "share of the forces within their intervals", low=0, high=1),
+        "share": column(float, "share of the forces within their intervals", percent=True, low=0, high=1),
         "low": column(float, "lower end of its 95 % interval (t over movements)", low=0, high=1, nullable=True),
         "high": column(float, "upper end of its 95 % interval (t over movements)", low=0, high=1, nullable=True),
         "half_width_n": column(float, "mean half width of the intervals", unit="N", low=0),
@@ -135,7 +141,13 @@ ERROR_BY_STEP = Table(
         "step": column(str, "what predicts"),
         "executed": column(int, "trials that were executed until then, of all experiments (count)", low=0),
         **{
-            name: column(float, f"error rate on the {told}, mean over muscles and experiments", low=0, optional=True)
+            name: column(
+                float,
+                f"error rate on the {told}, mean over muscles and experiments",
+                low=0,
+                optional=True,
+                percent=True,
+            )
             for name, told in (("task", "task"), ("bank", "bank"), ("unseen_bank", "unseen bank"))
         },
     },

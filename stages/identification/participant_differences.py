@@ -37,17 +37,17 @@ PARTICIPANT_COMPARISON = Table(
         "muscle": column(str, "muscle, or mean for the average over muscles"),
         "n_first": column(int, "experiments of the first", low=1),
         "n_second": column(int, "experiments of the second", low=1),
-        "first_mean": column(float, "error rate", low=0),
-        "second_mean": column(float, "error rate", low=0),
-        "difference": column(float, "first minus second"),
-        "low": column(float, "lower end of its 95 % interval (Welch)", nullable=True),
-        "high": column(float, "upper end of its 95 % interval (Welch)", nullable=True),
+        "first_mean": column(float, "error rate", percent=True, low=0),
+        "second_mean": column(float, "error rate", percent=True, low=0),
+        "difference": column(float, "first minus second", percent=True),
+        "low": column(float, "lower end of its 95 % interval (Welch)", percent=True, nullable=True),
+        "high": column(float, "upper end of its 95 % interval (Welch)", percent=True, nullable=True),
         "hedges_g": column(float, "effect size", nullable=True),
         "p_welch": column(float, "two-sided Welch's t-test", low=0, high=1, nullable=True),
         "p_holm": column(
             float, "p_welch adjusted by Holm over the rows of this test set and n", low=0, high=1, nullable=True
         ),
-        "margin": column(float, "largest difference of error rates that does not matter", low=0),
+        "margin": column(float, "largest difference of error rates that does not matter", percent=True, low=0),
         "p_tost": column(float, "two one-sided tests of equivalence", low=0, high=1, nullable=True),
         "power": column(float, "of that test, were the true difference zero", low=0, high=1, nullable=True),
         "n_needed": column(float, "experiments of each for a power of 0.8", low=2, nullable=True),
@@ -58,7 +58,8 @@ PARTICIPANT_COMPARISON = Table(
         ),
     },
     key=("first", "second", "tested_on", "muscle", "n_first"),
-    brief=("tested_on", "muscle", "n_first", "difference", "low", "high", "hedges_g", "p_holm", "power", "verdict"),
+    brief=("tested_on", "difference", "low", "high", "verdict"),
+    main=("muscle", ALL_MUSCLES),
 )
 
 

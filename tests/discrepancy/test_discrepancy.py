@@ -104,7 +104,8 @@ def test_a_hidden_effect_is_named_explained_drawn_and_simulated(pamid, tmp_path)
     assert "No further trial is proposed" in said  # hysteresis is sure
     assert (proposed["probability"].round(3).diff().dropna() <= 0.0).all()
     step = verdict["effects"][0]["step"]
-    assert f">before: {step['before']:.4g}\nafter: {step['after']:.4g}\n" in (run / "report.html").read_text()
+    falls = f"With it the gap goes from {100 * step['before']:.1f} % to {100 * step['after']:.2f} % of range"
+    assert falls in (run / "report.html").read_text()
     check_amended(pamid, run)
 
 

@@ -28,7 +28,7 @@ TABLES = """
 bank candidates references initial_trials hyperprior scaling task task_movements
 hardware_recordings protocol_recordings executed_by
 trials active_recordings models points decisions learning_curve learning_summary final_errors paired_comparison
-participant_comparison tracking_delays recommendation
+participant_comparison tracking_delays learning_findings advice
 """
 
 
@@ -56,7 +56,7 @@ def test_runs_every_stage_and_leaves_every_table(shared_run, run):
     assert list(origins(run)) == STAGES
     assert {path.stem for path in (run / "tables").glob("*.parquet")} == set(TABLES.split())
     figures = product(
-        ("expected_error", "learning_curve", "learning_curve_task", "participants", "selected_interactions"),
+        ("expected_error", "learning_curve", "learning_curve_muscles", "participants", "selected_interactions"),
         ("png", "pdf"),
     )
     assert {path.name for path in (run / "figures").iterdir()} == {".".join(each) for each in figures}

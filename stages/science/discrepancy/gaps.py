@@ -64,7 +64,7 @@ def _locate_in(state: FittedChannel, settings: RegimeSettings, generator: np.ran
                 "gap": float(np.sqrt((gap**2 * mask).sum() / max(samples, 1))),
                 "noise_floor": float(np.sqrt((rest**2 * mask).sum() / max(samples, 1))),
                 "largest": float(np.quantile(np.abs(gap[mask]), settings.largest_quantile)) if samples else 0.0,
-                "share_of_gap": float((gap**2 * mask).sum() / whole) if whole > 0.0 else 0.0,
+                "share_of_gap": min(1.0, float((gap**2 * mask).sum() / whole)) if whole > 0.0 else 0.0,
             }
         )
     p = compare_signs(np.column_stack(columns), generator)

@@ -32,35 +32,33 @@ TIMES = {"paces": 1.0, "paces_late": 1.0, "periods": 2.0 * math.pi}
 def describe_verdict(
     verdict: Mapping[str, Any],
     places: Sequence[Mapping[str, Any]],
-    absorbed: Sequence[str],
-    remarks: Sequence[str],
     settings: DiscrepancySettings,
 ) -> list[str]:
     """Return the verdict, as kept in verdict.json, as sentences.
 
-    `places` are rows of the table `gap` that tell where, the largest gap first, `absorbed` names that could act where
-    the gap is but cannot be told from the fitted constants, and `remarks` sentences that follow.
+    `places` are rows of the table `gap` that tell where, the largest gap first.
     """
     if verdict["status"] == "no_discrepancy":
         gap = verdict["gap"]
-        sentences = [
+        return [
             f"Nothing that matters is missing, with probability {_sure(1.0 - verdict['missing_probability'])}: on "
             f"{_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
             f"{_compare_with_floor(gap['before'], gap['noise_floor'])}; in its worst channel it is at most "
             f"{gap['over_floor']['high']:.2f} times the floor (one-sided limit over trials).",
             *_describe_suspected(verdict),
         ]
-    else:
-        by_channel: dict[str, list[Mapping[str, Any]]] = {}
-        for each in places:
-            by_channel.setdefault(each["channel"], []).append(each)
-        sentences = [_describe_channel(rows, settings.report.concentrated) for rows in by_channel.values()]
-        tell = _describe_named if verdict["status"] == "named" else _describe_unexplained
-        sentences += tell(verdict, settings)
-    if absorbed:
-        names = _shorten([_spell(each) for each in absorbed])
-        sentences.append(f"Not judged, as in these data the fitted constants absorb what it does: {names}.")
-    return [*sentences, *remarks]
+    by_channel: dict[str, list[Mapping[str, Any]]] = {}
+    for each in places:
+        by_channel.setdefault(each["channel"], []).append(each)
+    where = [_describe_channel(rows, settings.report.concentrated) for rows in by_channel.values()]
+    tell = _describe_named if verdict["status"] == "named" else _describe_unexplained
+    return [*tell(verdict, settings), *where]
+
+
+def describe_absorbed(names: Sequence[str]) -> list[str]:
+    """Return which effects could act where the gap is but cannot be told from the fitted constants, if any."""
+    told = _shorten([_spell(each) for each in names]) if names else ""
+    return [f"Not judged, as in these data the fitted constants absorb what it does: {told}."] if names else []
 
 
 def _compare_with_floor(gap: float, floor: float, first: float = 0.0) -> str:
@@ -483,6 +481,21 @@ def _describe_size(effect: Mapping[str, Any], size: Parameter) -> str:
         return f"Its {what} is {value}{unit}." if low == high else f"Its {what} is {value}{unit} ({low} to {high})."
     least, most = min(each["value"] for each in own), max(each["value"] for each in own)
     return f"Its {what} is {least:.3g} to {most:.3g}{unit} by muscle."
+
+
+def describe_sizes(effect: Mapping[str, Any]) -> str:
+    """Return the sizes of a named effect on each muscle, with their intervals, and what it does to the gap."""
+    own: dict[str, list[str]] = {}
+    for muscle, sizes in effect["by_muscle"].items():
+        for name, size in sizes.items():
+            ends = "" if size["low"] == size["high"] else f" ({size['low']:.3g} to {size['high']:.3g})"
+            own.setdefault(name, []).append(f"{size['value']:.3g}{ends} on {muscle}")
+    sizes = "; ".join(f"{_spell(name)} {', '.join(each)}" for name, each in own.items())
+    step, name = effect["step"], _spell(effect["name"])
+    return (
+        f"{name[:1].upper()}{name[1:]}: {sizes}. With it the gap goes from {_percent(step['before'])} to "
+        f"{_percent(step['after'])} of range (p = {step['p_value']:.2g})."
+    )
 
 
 def _is_candidate(row: Mapping[str, Any]) -> bool:

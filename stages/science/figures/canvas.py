@@ -8,7 +8,14 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 COLOURS = ("#c1272d", "#3b6fb6", "#6b7480", "#d08a1d", "#4b8f5a", "#8059a5", "#2b2b2b")
+ARMS = {"random": "#6b7480", "y_y": "#3b6fb6", "integrated_variance": "#c1272d", "variance": "#d08a1d"}
+"""Colours of ways to choose trajectories, the same in all figures."""
 LINES = ("-", "--", "-.", ":")
+
+
+def spell_arm(name: str) -> str:
+    """Return what a way to choose trajectories is called in words."""
+    return name.replace("y_y", "y/y").replace("_", " ")
 
 
 def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **how: Any) -> tuple[Figure, Any]:

@@ -127,5 +127,5 @@ def draw_reliability(reliability: pd.DataFrame, panels: Sequence[str]) -> Figure
         axis.grid(alpha=0.25)
     for axis in axes[::3]:
         axis.set_ylabel("forces within\n95 % intervals (%)")
-    finish_panels(axes, len(panels))
+    finish_panels(figure, axes, len(panels))
     return figure

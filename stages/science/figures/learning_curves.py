@@ -2,13 +2,13 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import COLOURS, LINES, new_figure
+from stages.science.figures.canvas import ARMS, COLOURS, LINES, new_figure, spell_arm
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -31,6 +31,7 @@ def draw_learning_curves(
     styles: Sequence[str] = ("-",),
     apart: float = 0.09,
     cut: bool = False,
+    titles: Mapping[str, str] | None = None,
 ) -> Figure:
     """Draw the mean of the error rate over trials, and its SD: of every line, or of the first one of many.
 
@@ -44,26 +45,32 @@ def draw_learning_curves(
         Horizontal distance of the lines' points (trials).
     cut : bool
         Whether the panels end above the highest mean, so that large SDs do not flatten the means.
+    titles : mapping of str to str, optional
+        What panels are called that are no muscles.
     """
     from matplotlib.ticker import MaxNLocator
 
-    figure, axes = begin_panels(len(panels), 3.9, 3.1)
+    names = {AVERAGE: "average of the muscles", **(titles or {})}
+    spare = [each for each in COLOURS if each not in [ARMS.get(line) for line in lines]]
+    colours = {line: ARMS.get(line) or spare.pop(0) for line in lines[: len(COLOURS)]}
+    figure, axes = begin_panels(len(panels), 4.2 if len(panels) < 3 else 3.4, 3.1)
     for axis, muscle in zip(axes, panels, strict=False):
         panel = summary[(summary["muscle"] == muscle) & summary[by].isin(lines)]
         for position, line in enumerate(lines):
             its = panel[panel[by] == line]
             trial = its["trial"] + apart * (position - (len(lines) - 1) / 2)
             spread = 100 * its["error_rate_sd"].fillna(0.0) if len(lines) <= MOST_BARS or position == 0 else None
-            colour, marker = COLOURS[position % len(COLOURS)], MARKERS[position % len(MARKERS)]
+            colour, marker = colours.get(line, COLOURS[position % len(COLOURS)]), MARKERS[position % len(MARKERS)]
             bars: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.4, "elinewidth": 0.8, "capsize": 2, "label": line}
             bars |= {"color": colour, "marker": marker, "linestyle": styles[position % len(styles)]}
             axis.errorbar(trial, 100 * its["error_rate_mean"], spread, **bars)
-        axis.set(title="average of the muscles" if muscle == AVERAGE else muscle, ylabel="error rate (%)")
+        axis.set(ylabel="error rate (%)")
+        axis.set_title(names.get(muscle, muscle), fontsize=10)
         axis.set_ylim(0, 115 * panel["error_rate_mean"].max() if cut else None)
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.tick_params(labelbottom=True)
         axis.grid(alpha=0.25)
-    finish_panels(axes, len(panels), title)
+    finish_panels(figure, axes, len(panels), title)
     return figure
 
 
@@ -110,17 +117,20 @@ def draw_error_bars(errors: pd.DataFrame, lines: Sequence[str], groups: Sequence
 
 
 def begin_panels(count: int, width: float, height: float, **sharing: bool) -> tuple[Figure, Any]:
-    """Return a figure and its panels, up to three abreast, of so many inches each; the last ones may be spare."""
-    columns, rows = min(3, count), -(-count // min(3, count))
+    """Return a figure and its panels, up to three abreast, or two by two, of so many inches each; some may be spare."""
+    columns = 2 if count == 4 else min(3, count)
+    rows = -(-count // columns)
     figure, axes = new_figure(width * columns, height * rows + 0.4, rows, columns, sharex=True, **sharing)
     return figure, axes.ravel()
 
 
-def finish_panels(axes: Any, count: int, title: str | None = None) -> None:
-    """Label the lowest panels' abscissa and put the legend into a spare panel, or the first."""
+def finish_panels(figure: Figure, axes: Any, count: int, title: str | None = None) -> None:
+    """Label the lowest panels' abscissa and put one legend above all panels."""
     for axis in axes[count:]:
         axis.axis("off")
     for axis in axes[max(0, count - 3) : count]:
         axis.set_xlabel("trial")
-    spare, place = (axes[count], "center") if count < len(axes) else (axes[0], "best")
-    spare.legend(*axes[0].get_legend_handles_labels(), title=title, loc=place, frameon=False)
+    handles, labels = axes[0].get_legend_handles_labels()
+    names = [spell_arm(each) for each in labels]
+    columns = min(4, len(labels))
+    figure.legend(handles, names, title=title, frameon=False, loc="outside upper center", ncols=columns, fontsize=9)

@@ -102,7 +102,7 @@ MANY = "So many names in one channel may stand in for one effect"
     ],
 )
 def test_a_verdict_says_what_its_numbers_say(verdict, said, unsaid):
-    text = " ".join(describe_verdict(verdict, [], [], [], DISCREPANCY))
+    text = " ".join(describe_verdict(verdict, [], DISCREPANCY))
     assert [words for words in said if words not in text] == []
     assert [words for words in unsaid if words in text] == []
 
