@@ -14,7 +14,7 @@ ANALYSES = {"baselines", "learned_models", "utility_check", "time_shift", "hyper
 SPREAD = {"active_loop", "comparison", "utility_check", "sparse_comparison"}
 """Stages whose work several processes may share; jobs of the others are sent, as if to some, in their own tests."""
 FIGURES = """
-selected_interactions learning_curve learning_curve_unseen_bank learning_curves_baselines baseline_errors
+selected_interactions learning_curve learning_curve_muscles learning_curves_baselines baseline_errors
 participants time_shift hyperprior_sensitivity frequent_references force_surfaces reliability utility_agreement
 sparse_curve protocol
 """
