@@ -593,24 +593,12 @@ class Loop:
         design = section.design(self.muscles.mean, self.arm)
         if section.exchange_pressures:
             design = replace(design, exchanged=self.cfg.model.pressure_inputs)
-        points = pd.concat([part["points"] for part in landed], ignore_index=True) if landed else self.start
-        inputs, outputs = muscles.standardise(points)
-        used = muscles.indices([*self.initial, *(int(part["trials"]["trajectory"].iloc[0]) for part in landed)])
-        if not landed:
-            known = muscles.candidates, muscles.priors, inputs, outputs
-            return Interaction.begin(design, *known, used, self.starts(0), self.tasks)
-        models = landed[-1]["models"]
-        latest = models[models["trial"] == models["trial"].max()]
-        return Interaction(
-            design,
-            tuple(muscles.candidates),
-            tuple(muscles.priors),
-            tuple(inputs),
-            tuple(outputs),
-            tuple(latest.loc[latest["muscle"] == name, "value"].to_numpy() for name in muscles.names),
-            frozenset(used),
-            tuple(self.tasks),
-        )
+        used = [*self.initial, *(int(part["trials"]["trajectory"].iloc[0]) for part in landed)]
+        if landed:
+            points = pd.concat([part["points"] for part in landed], ignore_index=True)
+            return muscles.resume(design, used, points, landed[-1]["models"], self.tasks)
+        known = muscles.candidates, muscles.priors, *muscles.standardise(self.start), muscles.indices(used)
+        return Interaction.begin(design, *known, self.starts(0), self.tasks)
 
     def starts(self, trial: int) -> list[np.random.Generator]:
         """Return a generator for each muscle's MAP search; arms share them."""

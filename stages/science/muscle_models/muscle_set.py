@@ -11,6 +11,7 @@ from dataclasses import dataclass
 import pandas as pd
 
 from stages.science.gp.hyperprior import Hyperprior
+from stages.science.gp.interaction import Design, Interaction
 from stages.science.gp.marginal import MarginalGP, condition
 from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
 
@@ -70,6 +71,40 @@ class MuscleSet:
             inputs.append(constants.inputs_of(rows))
             outputs.append(constants.output_of(rows))
         return inputs, outputs
+
+    def resume(
+        self,
+        design: Design,
+        used: Sequence[int],
+        points: pd.DataFrame,
+        models: pd.DataFrame,
+        tasks: Sequence[Array] = (),
+    ) -> Interaction:
+        """Return what is known after the last trial of one experiment and arm, by what was left on disk.
+
+        Parameters
+        ----------
+        design : Design
+            How the next movement is chosen.
+        used : sequence of int
+            Movements that were executed, the initial trials' too.
+        points, models : DataFrame
+            This experiment's and arm's rows of the tables of these names; of `models`, the last trial's are taken.
+        tasks : sequence over M muscles of (Q, D) float arrays
+            Standardised inputs that the models are wanted for, where the design asks for them.
+        """
+        inputs, outputs = self.standardise(points)
+        latest = models[models["trial"] == models["trial"].max()]
+        return Interaction(
+            design,
+            tuple(self.candidates),
+            tuple(self.priors),
+            tuple(inputs),
+            tuple(outputs),
+            tuple(latest.loc[latest["muscle"] == name, "value"].to_numpy() for name in self.names),
+            frozenset(self.indices(used)),
+            tuple(tasks),
+        )
 
 
 @dataclass(frozen=True)
