@@ -4,7 +4,7 @@ A model's `Moments` and the Laplace approximation of its hyperparameters flow in
 utilities of (B, D) points flow out, with working memory that is bounded.
 
 Where V is no more than its rounding error, f is known whatever the hyperparameters: V >= 0 for every theta, so V = 0 is
-a minimum over theta, dV = 0 there, and dV'S dV / (3 V) -> 0 with V because |dV|^2 = O(V^2) at a noise-free datum. That
+a minimum over theta, dV = 0 there, and dV'S dV / (3 V) -> 0 with V because dV'dV = O(V^2) at a noise-free datum. That
 term is left out there, as is dV in dl, and V is held at its rounding error, so that all utilities stay finite.
 """
 

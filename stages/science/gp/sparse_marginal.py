@@ -3,13 +3,13 @@
 A `SparsePosterior`, pseudo-inputs and theta flow in; predictions, their derivatives by theta and the utilities of many
 points flow out. The pseudo-inputs are held: they say where the model is fine, not what the muscle is like. In the terms
 of `sparse`, with K_d = K o D_d the slope of a covariance by the logarithm of length d (D_d: squared differences of
-input d in units of its length), W_d = L^-1 K_d L^-T, P_d = L^-1 (K_mn)_d and lam_d = diag(V' W_d V - 2 V' P_d):
+input d in units of its length), W_d = L^-1 K_d L^-T, P_d = L^-1 (K_mn)_d and lam_d = diag(V' W_d V - 2 V' P_d)::
 
     S_d = W_d + P_d Lam^-1 V' + V Lam^-1 P_d' - V Lam^-1 lam_d Lam^-1 V'       L^-1 d(K_mm + K_mn Lam^-1 K_nm) L^-T
     c_d = B^-1 (P_d Lam^-1 r - V Lam^-1 lam_d Lam^-1 r - S_d beta)             slope of B^-1 V Lam^-1 r, whitened
     Q_d = W_d - B^-1 S_d B^-1
 
-A point x* with k = k_m(x*), v = L^-1 k, u = L^-T (v - B^-1 v) and w = L^-T beta then has
+A point x* with k = k_m(x*), v = L^-1 k, u = L^-T (v - B^-1 v) and w = L^-T beta then has::
 
     dm/dlog l_d = w' (k o D_d) + c_d' v        dV/dlog l_d = -2 u' (k o D_d) + v' Q_d v
     dm/dlog sn  = c_s' v                       dV/dlog sn  = 2 sn^2 |Lam^-1 V' B^-1 v|^2

@@ -1,7 +1,7 @@
 """A sparse GP at given pseudo-inputs and hyperparameters: its predictions.
 
 A `SparsePosterior`, pseudo-inputs and theta flow in, predictions at many points flow out. In the terms of `sparse`,
-with v = L^-1 k_m(x*):
+with v = L^-1 k_m(x*)::
 
     mean        m + v' beta = m + w' k_m(x*), with w = L^-T beta
     variance    sf^2 - v'v + v' B^-1 v, of f; sn^2 more for y

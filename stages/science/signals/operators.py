@@ -43,8 +43,8 @@ def follow_play(signal: Array, radius: float) -> Array:
 def follow_bouc_wen(signal: Array, width: float) -> Array:
     """Return the state z, between -1 and 1, of the Bouc-Wen equation over a signal (T, K).
 
-    Exponent 1 and equal coefficients: dz/dx = (1 - |z|) / width while z grows in size and 1 / width while it shrinks,
-    solved exactly for an input that runs straight from sample to sample.
+    Exponent 1 and equal coefficients: dz/dx = ``(1 - |z|) / width`` while z grows in size and 1 / width while it
+    shrinks, solved exactly for an input that runs straight from sample to sample.
     """
     state = np.zeros_like(signal)
     for k in range(1, signal.shape[0]):
