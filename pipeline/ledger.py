@@ -145,6 +145,16 @@ class Ledger:
         return str(self.facts["status"])
 
     @property
+    def seconds(self) -> float:
+        """What the run took, all attempts together; of one that could not note its end, until its log's last line."""
+        spent_s = float(self.facts.get("seconds") or 0.0)
+        try:
+            seen_s = 0.0 if self.facts["ended"] else (self.folder / "log.txt").stat().st_mtime
+        except OSError:
+            seen_s = 0.0
+        return max(spent_s, round(seen_s - datetime.fromisoformat(self.facts["started"]).timestamp(), 3))
+
+    @property
     def age(self) -> tuple[int, str]:
         """Sort key: runs in the order in which they began, whatever the clock did."""
         return int(self.facts["sequence"]), self.name

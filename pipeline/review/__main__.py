@@ -8,12 +8,13 @@ import sys
 from collections.abc import Callable
 from functools import partial
 from importlib import import_module
+from pathlib import Path
 
 from rich.console import Console
 from rich.markup import escape
 from rich.padding import Padding
 
-from pipeline.command import review_line
+from pipeline.command import command_line, review_line
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.ledger import Ledger
 from pipeline.printing import print_frame
@@ -31,6 +32,10 @@ def main(arguments: list[str] | None = None) -> int:
     options = _make_parser().parse_args(put_sort_together(sys.argv[1:] if arguments is None else arguments))
     console = open_console(piped_width=200)
     try:
+        if not any(Path(each).is_dir() for each in (options.outputs, getattr(options, "sweep", options.outputs))):
+            raise ConfigError(
+                f"no outputs folder {options.outputs}; make one with: {command_line([])}, or name another"
+            )
         return options.act(options, console) or 0
     except PipelineError as error:
         complain(str(error))
@@ -95,7 +100,12 @@ def _make_parser() -> argparse.ArgumentParser:
     )
     compared.add_argument("--all", action="store_true", help="list also what is the same in all")
     compared.add_argument("--html", metavar="PATH", help="the page (default: outputs/reviews/compare-RUN_vs_RUN.html)")
-    _add_rows(compared)
+    compared.add_argument(
+        "--rows",
+        type=_count,
+        metavar="N",
+        help="list so many rows of each table that differs (default: how many differ)",
+    )
     swept = add("sweep", "a sweep: its jobs, failures and metrics, as text and as a page", _act_of("sweep"))
     swept.add_argument("sweep", metavar="DIR|NAME", help="its name, its folder, or latest")
     swept.add_argument("--all", action="store_true", help="all columns, not those alone that vary")

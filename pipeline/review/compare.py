@@ -16,7 +16,7 @@ from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.files import hash_json
 from pipeline.flat import ABSENT, flatten, list_differences
 from pipeline.ledger import Ledger
-from pipeline.page import Block, Section, make_grid, make_rows, write_page
+from pipeline.page import Block, Section, make_details, make_grid, make_rows, write_page
 from pipeline.printing import (
     add_unit,
     format_count,
@@ -47,6 +47,8 @@ LONGEST_VALUE = 160
 MOST_COLUMNS = 30
 MOST_ROWS = 400
 """Rows up to which differences of a table are listed."""
+SEEN_FIRST, MOST_SEEN = 3, 6
+"""Runs, configuration and metrics; of what follows, what has more rows is a line on the terminal, unless asked for."""
 
 
 def review(options: argparse.Namespace, console: Console) -> None:
@@ -57,12 +59,12 @@ def review(options: argparse.Namespace, console: Console) -> None:
     names = options.runs
     found = Comparison(_choose_runs(options.outputs, names), options.all)
     curves, complaints = make_curves(found.ledgers, found.nested, found.flat)
-    for each in replace(found, most=COLUMNS_OF_A_TERMINAL).differences():
-        title = f"{each.name}: {each.told}" if each.told else each.name
-        if each.frame.empty:
-            say(title, console)
+    for place, each in enumerate(replace(found, most=COLUMNS_OF_A_TERMINAL).differences()):
+        rows = options.rows or (MOST_ROWS if place < SEEN_FIRST else MOST_SEEN)
+        if each.frame.empty or (len(each.frame) > rows and not options.rows):
+            say(each.title, console)
         else:
-            print_frame(title, each.frame, console, options.rows, "--rows")
+            print_frame(each.title, each.frame, console, rows, "--rows")
     for told in complaints:
         say(told, console)
     joined = "_vs_".join(STRANGE.sub("-", each).strip("-") for each in names)
@@ -71,10 +73,14 @@ def review(options: argparse.Namespace, console: Console) -> None:
     if not path.name:
         raise PipelineError(f"cannot write {path}: Is a directory; name another file by --html PATH")
     part = "Everything is listed." if options.all else "What is the same in all runs is left out (--all lists it)."
-    shown = [Section("Curves", _show_curves(curves, complaints))]
-    for name, told, frame in found.differences():
-        blocks: list[Block] = [("note", f"{_begin_upper(told)}.")] if told else []
-        shown.append(Section(_begin_upper(name), blocks + ([] if frame.empty else [("grid", make_grid(frame))])))
+    runs, configuration, metrics, *others = found.differences()
+    rest = [make_details(_begin_upper(each.title), _show_grid(each.frame)) for each in others]
+    shown = [
+        Section("What differs", [block for each in (configuration, metrics) for block in _show_difference(each)]),
+        Section("Curves", _show_curves(curves, complaints)),
+        Section("Tables, code and machines", rest),
+        Section("Runs", _show_difference(runs)),
+    ]
     named = ", ".join(names)
     try:
         write_page(
@@ -95,12 +101,19 @@ def _begin_upper(text: str) -> str:
     return text[:1].upper() + text[1:]
 
 
+def _show_difference(found: "Difference") -> list[Block]:
+    return [("heading", _begin_upper(found.title)), *_show_grid(found.frame)]
+
+
+def _show_grid(frame: pd.DataFrame) -> list[Block]:
+    return [] if frame.empty else [("grid", make_grid(frame))]
+
+
 def _show_curves(curves: Sequence[Curves], complaints: Sequence[str]) -> list[Block]:
     from pipeline.review.drawing import draw_curves
 
-    blocks: list[Block] = []
-    for each in curves:
-        blocks += [("heading", each.name), ("pictures", [draw_curves(each)]), ("grid", _list_lines(each))]
+    blocks: list[Block] = [("pictures", [draw_curves(each) for each in curves])] if curves else []
+    blocks += [make_details(f"{each.name}: first and last points", [("grid", _list_lines(each))]) for each in curves]
     blocks += [("note", f"{each}.") for each in complaints]
     note = "Runs that differ in seeds alone are repeats: together they are one line."
     return [("note", note), *blocks] if blocks else []
@@ -123,6 +136,11 @@ class Difference(NamedTuple):
     name: str
     told: str
     frame: pd.DataFrame = pd.DataFrame()
+
+    @property
+    def title(self) -> str:
+        """Its name, and what is said of it."""
+        return f"{self.name}: {self.told}" if self.told else self.name
 
 
 @dataclass(frozen=True)
@@ -185,7 +203,7 @@ class Comparison:
                 "run": names,
                 "status": [live_status(each) for each in self.ledgers],
                 "started": [each.facts["started"] for each in self.ledgers],
-                "wall_s": [each.facts.get("seconds") for each in self.ledgers],
+                "wall_s": [each.seconds for each in self.ledgers],
             }
         )
 
@@ -215,7 +233,7 @@ class Comparison:
         ]
         others = self._across("table", told, same)
         return [
-            Difference("Tables that differ", "" if len(others) else "none", others),
+            Difference("Tables that differ", ", ".join(others.iloc[:, 0]) if len(others) else "none", others),
             Difference("the same to the byte in all", ", ".join(same) or "no table"),
         ]
 

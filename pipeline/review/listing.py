@@ -76,7 +76,7 @@ def _describe(folder: Path, ledger: Ledger | None, is_job: bool) -> dict[str, An
         "run": name,
         "status": live_status(ledger),
         "started": ledger.facts["started"],
-        "wall_s": ledger.facts.get("seconds"),
+        "wall_s": ledger.seconds,
         "finished": format_count(done, "stage"),
         "command": ledger.facts["command"],
         "age": ledger.age,
@@ -91,12 +91,11 @@ def _summarise(sweep: Path, jobs: Sequence[tuple[Path, Ledger | None]]) -> dict[
     states = [each for each in WORST_FIRST if counts[each]]
     ledgers = [ledger for _, ledger in jobs if ledger]
     others = "".join(f", {counts[each]} {each}" for each in states if each != "done")
-    seconds = [float(each.facts.get("seconds") or 0.0) for each in ledgers]
     return {
         "run": f"{sweep.name}/",
         "status": states[0],
         "started": min((each.facts["started"] for each in ledgers), default=None),
-        "wall_s": sum(seconds) if seconds else None,
+        "wall_s": sum(each.seconds for each in ledgers) if ledgers else None,
         "finished": f"{counts['done']} of {format_count(counts.total(), 'job')}{others}",
         "age": max((each.age for each in ledgers), default=(-1, sweep.name)),
         "found": ledgers,

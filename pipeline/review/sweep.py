@@ -21,11 +21,11 @@ from pipeline.page import (
     show_traceback,
     write_page,
 )
-from pipeline.printing import format_count, join_some, print_frame
+from pipeline.printing import format_count, is_prose, join_some, print_frame
 from pipeline.review.compare import Comparison
 from pipeline.review.kept import list_headlines, list_tables, read_config, read_whole_table
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
-from pipeline.review.sweep_view import Sweep, find_sweep
+from pipeline.review.sweep_view import Sweep, describe_extremes, find_sweep
 from pipeline.sweeps.launch import list_launches
 from pipeline.sweeps.sweep_table import write_frame
 from pipeline.terminal import say
@@ -91,14 +91,22 @@ def _write_page(sweep: Sweep) -> None:
         heading=f"Sweep {sweep.folder.name}",
         lead=f"{format_count(len(sweep.frame), 'job')}: {_describe_counts(sweep)}",
         status=f"{len(sweep.unfinished)} not done" if sweep.unfinished else "done",
-        opening=[*(("command", each) for each in commands), ("facts", _list_facts([*ledgers.values()]))],
+        opening=[],
         sections=[
-            Section("Plan", _show_plan(sweep)),
+            Section("Found", [("finding", told)] if (told := describe_extremes(sweep)) else []),
+            Section("Failures", _show_failures(sweep, ledgers)),
             Section("Metrics", _show_metrics(sweep)),
             Section("Jobs", _show_jobs(sweep)),
-            Section("Failures", _show_failures(sweep, ledgers)),
             Section("Results", _show_results(done)),
-            Section("Differences", _show_differences(sweep, done or [*ledgers.values()])),
+            Section(
+                "How it was made",
+                [
+                    *(("command", each) for each in commands),
+                    ("facts", _list_facts([*ledgers.values()])),
+                    *_show_plan(sweep),
+                    make_details("differences", _show_differences(sweep, done or [*ledgers.values()])),
+                ],
+            ),
         ],
     )
 
@@ -118,11 +126,10 @@ def _show_metrics(sweep: Sweep) -> list[Block]:
         return []
     from pipeline.review.drawing import draw_metrics
 
-    blocks: list[Block] = []
-    for head, pictures, told in draw_metrics(sweep):
-        blocks += [("heading", head), ("pictures", pictures)]
-        blocks += [("note", f"{told}.")] if told else []
-    return blocks
+    drawn = [*draw_metrics(sweep)]
+    pictures = [each for _, found, _ in drawn for each in found]
+    notes: list[Block] = [("note", f"{head}: {told}.") for head, _, told in drawn if told]
+    return [("pictures", pictures), *notes]
 
 
 def _show_jobs(sweep: Sweep) -> list[Block]:
@@ -142,7 +149,7 @@ def _link(sweep: Sweep, job: str) -> str:
 def _list_facts(ledgers: Sequence[Ledger]) -> list[tuple[str, str]]:
     started = [str(each.facts["started"]) for each in ledgers]
     ended = [str(each.facts["ended"]) for each in ledgers if each.facts["ended"]]
-    seconds = sum(float(each.facts.get("seconds") or 0.0) for each in ledgers)
+    seconds = sum(each.seconds for each in ledgers)
     facts = [("Started", min(started))] if started else []
     facts += [("Last ended", max(ended))] if ended else []
     return [*facts, ("Work", f"{seconds:.1f} s in all jobs together")]
@@ -181,13 +188,15 @@ def _show_failures(sweep: Sweep, ledgers: Mapping[str, Ledger]) -> list[Block]:
 
 
 def _show_results(done: Sequence[Ledger]) -> list[Block]:
-    """Return the short tables that the reports of the first jobs begin with."""
+    """Return what the reports of the first jobs begin with: sentences, or short tables where there are none."""
     results: list[Block] = []
     for ledger in done:
         kept = list_tables(ledger)
         names = [each for each in list_headlines(read_config(ledger.folder)) if each in kept]
         short = [each for each in names if 0 < int(kept[each].get("rows", 0)) <= MOST_ROWS_OF_RESULTS]
-        blocks = [block for name in short if (read := read_whole_table(ledger, name)) for block in show_frame(*read)]
+        read = [found for name in short if (found := read_whole_table(ledger, name))]
+        told = [each for each in read if is_prose(each[0])]
+        blocks = [block for each in told or read for block in show_frame(*each)]
         if blocks:
             results.append(make_details(ledger.folder.name, blocks, is_open=not results))
         if len(results) == MOST_JOBS_WITH_RESULTS:
@@ -195,7 +204,7 @@ def _show_results(done: Sequence[Ledger]) -> list[Block]:
     if not results:
         return []
     part = f", of the first {len(results)} jobs that are done" if len(done) > len(results) else ""
-    return [("note", f"Short tables that each job's report begins with{part}."), *results]
+    return [("note", f"What each job's report begins with{part}."), *results]
 
 
 def _show_differences(sweep: Sweep, ledgers: Sequence[Ledger]) -> list[Block]:

@@ -11,6 +11,7 @@ from pipeline.command import command_line
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import is_seed
 from pipeline.printing import add_unit, format_value
+from pipeline.review.curves import half_width
 from pipeline.review.selection import order_of
 from pipeline.runs import list_folders, list_ledgers, sweeps_folder
 from pipeline.sweeps.sweep_table import collect_sweep
@@ -102,6 +103,25 @@ class Sweep:
         value = pd.to_numeric(self.frame[metric], errors="coerce").astype(float)
         found = pd.DataFrame({**{key: self.texts(key) for key in self.varying}, "value": value})
         return found[np.isfinite(value) & (self.frame["status"] == "done")].reset_index(drop=True)
+
+
+def describe_extremes(sweep: Sweep) -> list[str]:
+    """Return in a sentence for each metric over which values of the first key it is least and most, and how sure."""
+    sentences = []
+    for metric in sweep.metrics if sweep.axes else []:
+        key = sweep.axes[0]
+        found = sweep.points(metric).groupby(key)["value"].agg(["mean", "std", "count"])
+        if len(found) < 2 or found["mean"].nunique() < 2:
+            continue
+        found["half"] = half_width(found["std"], found["count"])
+        told = []
+        for value, row in found.loc[[found["mean"].idxmin(), found["mean"].idxmax()]].iterrows():
+            half = "" if np.isnan(row["half"]) else f" ± {row['half']:.2g}"
+            told.append(f"{format_value(row['mean'])}{half} with {key}={value}")
+        sentences.append(f"{sweep.head(metric)} is least, {told[0]}, and most, {told[1]}.")
+    if sentences:
+        sentences.append("Means over jobs, with half of the mean's 95 % interval (t) where jobs repeat.")
+    return sentences
 
 
 def find_sweep(outputs: str | Path, name: str) -> Sweep:

@@ -54,7 +54,7 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
                 **{name: each["value"] for name, each in measured.items()},
                 "job": job,
                 "status": describe_status(sweep / job, ledger, absent) if job in found else "not begun",
-                "wall_s": facts.get("seconds"),
+                "wall_s": ledger.seconds if ledger else None,
                 "peak_memory_mb": facts.get("peak_memory_mb"),
                 "stage": error.get("stage"),
                 "error": error.get("message"),

@@ -78,6 +78,10 @@ SCORECARD = Table(
     key=("measure", "magnitude"),
     brief=("measure", "magnitude", "n", "value", "target", "met"),
 )
+SCORECARD_FINDINGS = Table(
+    "scorecard_findings", "What was found", {"sentence": column(str, "in words")}, role="finding"
+)
+NAMED_FIRST = "named first, or its class"
 SCORECARD_CELLS = Table(
     "scorecard_cells",
     "An effect in a magnitude",
@@ -160,7 +164,7 @@ class Config(Section):
     seed: int
 
 
-@stage(SCORECARD, SCORECARD_CELLS, RELIABILITY, SCORECARD_SESSIONS, stream="calibration_error")
+@stage(SCORECARD, SCORECARD_CELLS, RELIABILITY, SCORECARD_SESSIONS, SCORECARD_FINDINGS, stream="calibration_error")
 def scorecard(
     cfg: Config,
     blind_sessions: pd.DataFrame,
@@ -188,7 +192,31 @@ def scorecard(
         SCORECARD_CELLS.name: pd.DataFrame(_list_cells(sessions), columns=list(SCORECARD_CELLS.columns)),
         RELIABILITY.name: reliability,
         SCORECARD_SESSIONS.name: sessions,
+        SCORECARD_FINDINGS.name: pd.DataFrame({"sentence": describe_rates(rates, len(sessions))}),
     }
+
+
+def describe_rates(rates: pd.DataFrame, sessions: int) -> list[str]:
+    """Return how often the first name is right, and which targets are missed, by rows of `scorecard`."""
+    known = rates[rates["n"] > 0]
+    named = known[known["measure"] == NAMED_FIRST]
+    shares = [
+        f"{100 * row['value']:.0f} % of {row['n']} {row['magnitude']} effects ({100 * row['low']:.0f} to "
+        f"{100 * row['high']:.0f} %)"
+        for row in named.to_dict("records")
+    ]
+    missed = known[~known["met"]]
+    lines = [
+        f"{row['measure']}, {row['magnitude']}: {100 * row['value']:.3g} % of {row['n']}, to be at "
+        f"{'most' if row['at_most'] else 'least'} {100 * row['target']:.3g} %"
+        for row in missed.to_dict("records")
+    ]
+    right = ", ".join(shares) or "none, as none counts"
+    kept = f"{len(known) - len(missed)} of {len(known)} targets are met"
+    return [
+        f"In {sessions} sessions the first name, or its class, is right in {right}.",
+        f"{kept}; missed: {'; '.join(lines)}." if lines else f"{kept}.",
+    ]
 
 
 def _list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, Any]]:
@@ -208,7 +236,7 @@ def _list_rates(sessions: pd.DataFrame, section: Scorecard) -> list[dict[str, An
     rows = [
         (measure, one[one["magnitude"] == size][judged], target, False, size)
         for measure, judged, sizes in (
-            ("named first, or its class", "right_class", targets.named_first),
+            (NAMED_FIRST, "right_class", targets.named_first),
             ("named first, by its own name", "right_name", targets.named_first),
             (CLOSED, "closed_share", targets.closed),
         )

@@ -49,6 +49,7 @@ DESCRIBED = {
     GREY_BOX: "of what the amended plant leaves, on the same points",
 }
 PLANTS = (NOMINAL, AMENDED)
+WORDS = {"task": "the task", "bank": "the bank", "unseen_bank": "movements that nothing else saw"}
 WHO = ["participant", "experiment"]
 
 EXPERIMENT = {
@@ -134,6 +135,7 @@ GREY_BOX_MODELS = Table(
     },
     key=(*EXPERIMENT, "muscle", "hyperparameter"),
 )
+GREY_BOX_FINDINGS = Table("grey_box_findings", "What was found", {"sentence": column(str, "in words")}, role="finding")
 ERROR_BY_STEP = Table(
     "error_by_step",
     "What each step of the workflow leaves: error rate (RMSE / largest test force)",
@@ -210,7 +212,15 @@ class Designed:
     points: pd.DataFrame
 
 
-@stage(ERROR_BY_STEP, GREY_BOX_SUMMARY, GREY_BOX_ERRORS, GREY_BOX_COVERAGE, GREY_BOX_MODELS, stream="grey_box")
+@stage(
+    ERROR_BY_STEP,
+    GREY_BOX_SUMMARY,
+    GREY_BOX_ERRORS,
+    GREY_BOX_COVERAGE,
+    GREY_BOX_MODELS,
+    GREY_BOX_FINDINGS,
+    stream="grey_box",
+)
 def grey_box(
     cfg: Config,
     bank: pd.DataFrame,
@@ -270,7 +280,27 @@ def grey_box(
         + "; ".join(f"{name.replace('_', ' ')}: {described}" for name, described in DESCRIBED.items())
         + f". Mean over {experiments} experiment{'s' * (experiments > 1)}, points are experiments.",
     )
-    return {GREY_BOX_SUMMARY.name: summary, **told}
+    findings = describe_rungs(summary, list(tests))
+    return {GREY_BOX_SUMMARY.name: summary, **told, GREY_BOX_FINDINGS.name: pd.DataFrame({"sentence": findings})}
+
+
+def describe_rungs(summary: pd.DataFrame, tests: Sequence[str]) -> list[str]:
+    """Return what the rungs err by on the first test set, and what the grey box errs by on the others."""
+    rows = summary[summary["muscle"] == ALL_MUSCLES].to_dict("records")
+    first, *others = sorted(rows, key=lambda row: tests.index(row["tested_on"]))
+    rates = {name: f"{100 * first[name]:.2g} %" for name in RUNGS}
+    told = [
+        f"Models on the amended plant err by {rates[GREY_BOX]} of the largest force on {WORDS[first['tested_on']]} "
+        f"(mean of {first['experiments']} experiment{'s' * (first['experiments'] > 1)}); the designed trials' models "
+        f"alone err by {rates[PROCESS]}, the amended plant alone by {rates[AMENDED]}, the plant as it was before the "
+        f"search by {rates[NOMINAL]}."
+    ]
+    where = [f"{100 * row[GREY_BOX]:.2g} % on {WORDS[row['tested_on']]}" for row in others]
+    covered = ", ".join(
+        f"{100 * row['grey_box_covered']:.0f} % on {WORDS[row['tested_on']]}" for row in (first, *others)
+    )
+    told += [f"They err by {' and by '.join(where)}."] if where else []
+    return [*told, f"Their 95 % intervals hold {covered} of the measured forces."]
 
 
 def amend_by_steps(

@@ -46,8 +46,10 @@ CLAIMS = Table(
         "statistic": column(str, "test, and kind of effect size"),
     },
     key=("claim", "setting", "tested_on"),
-    brief=("claim", "setting", "tested_on", "n", "estimate", "low", "high", "effect", "p", "verdict"),
+    brief=("claim", "setting", "tested_on", "estimate", "p", "verdict"),
 )
+
+CLAIM_FINDINGS = Table("claim_findings", "What was found", {"sentence": column(str, "in words")}, role="finding")
 
 PAPER = {
     "error_falls": "the models' error falls over the trials with a person moving (5.1, Fig. 6)",
@@ -144,7 +146,7 @@ def judge_concentrated(evidence: Evidence) -> Verdict:
     return p, FAILS, "not shown: choices as spread as at random"
 
 
-@stage(CLAIMS)
+@stage(CLAIMS, CLAIM_FINDINGS)
 def claims(
     cfg: Config,
     ctx: Context,
@@ -157,7 +159,7 @@ def claims(
     sensitivity_comparison: pd.DataFrame | None = None,
     choice_concentration: pd.DataFrame | None = None,
     sparse_comparison: pd.DataFrame | None = None,
-) -> pd.DataFrame:
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Judge every claim that the workflow's comparisons bear on."""
     sources = [
         (weigh_fall, learning_curve),
@@ -174,7 +176,23 @@ def claims(
         rows.append(describe_reality(bool(executed_by["real"].all()), rows))
         untested = [claim for claim in PAPER if claim not in {row["claim"] for row in rows}]
         rows += [describe(claim, "", "", NOTHING, (np.nan, UNTESTED, ABSENT)) for claim in untested]
-    return pd.DataFrame(rows, columns=list(CLAIMS.columns))
+    told = pd.DataFrame(rows, columns=list(CLAIMS.columns))
+    return told, pd.DataFrame({"sentence": count_claims(told)})
+
+
+def count_claims(told: pd.DataFrame) -> list[str]:
+    """Return in words which claims hold in every way in which they were tested, which do not, and which were not."""
+    verdicts = told.groupby("claim", sort=False)["verdict"].agg(set)
+    tested = {claim: found & {HOLDS, FAILS} for claim, found in verdicts.items()}
+    groups = {
+        "hold in every way in which they were tested": [each for each, found in tested.items() if found == {HOLDS}],
+        "hold in some ways only": [each for each, found in tested.items() if found == {HOLDS, FAILS}],
+        "do not hold": [each for each, found in tested.items() if found == {FAILS}],
+        "were not tested": [each for each, found in tested.items() if not found],
+    }
+    names = {told: ", ".join(str(each).replace("_", " ") for each in claims) for told, claims in groups.items()}
+    lines = [f"{len(claims)} {told}: {names[told]}." for told, claims in groups.items() if claims]
+    return [f"Of the paper's {len(verdicts)} claims, {lines[0]}", *lines[1:]] if lines else []
 
 
 def describe(claim: str, setting: str, tested_on: str, found: Evidence, told: Verdict) -> dict[str, Any]:

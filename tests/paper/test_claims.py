@@ -1,5 +1,6 @@
 """Every verdict turns with planted data, either way; statistics are those of SciPy and statsmodels."""
 
+import re
 from itertools import product
 
 import numpy as np
@@ -24,8 +25,10 @@ def make_baseline(generator, mean, name="linear", sd=0.001):
 
 def judged(**tables):
     """Return verdicts by claim and setting."""
-    frame = claims.function(cfg=None, ctx=None, **tables)
+    frame, told = claims.function(cfg=None, ctx=None, **tables)
     checked = CLAIMS.check(frame, "test")
+    counts = re.findall(r"(\d+) (?:hold|do not hold|were not tested)", " ".join(told["sentence"]))
+    assert sum(map(int, counts)) == frame["claim"].nunique()
     return checked.set_index(["claim", "setting"])
 
 
@@ -197,4 +200,4 @@ def test_amplitudes_that_nearly_agree_are_told_apart():
 
 
 def test_a_workflow_without_comparisons_has_no_claims():
-    assert claims.function(cfg=None, ctx=None).empty
+    assert all(each.empty for each in claims.function(cfg=None, ctx=None))

@@ -189,7 +189,7 @@ def test_sweep_of_odd_jobs(copied):
 
 
 def test_no_job_one_without_metric_and_jobs_with_different_workflows(toy):
-    assert "no runs in" in shown(toy, "list", "--jobs")
+    assert "no outputs folder" in refused(toy, "list", "--jobs")
     for arguments in (("compare", "latest", "s"), ("sweep", "latest")):
         assert "make one with" in refused(toy, *arguments)
     assert toy(*ALONE, "sweep=one", "seed=3").returncode == 0
