@@ -7,6 +7,7 @@ from typing import Any
 import pandas as pd
 import rich.table
 from rich.console import Console
+from rich.padding import Padding
 from rich.text import Text
 
 ROWS_SHOWN_WHOLE = 60
@@ -63,7 +64,7 @@ def print_sentences(sentences: Sequence[str], console: Console) -> None:
     """Print sentences, and a command that one ends with on a line of its own, not broken, so that it can be copied."""
     for each in sentences:
         told, command = split_command(each)
-        console.print(f"  {told}", highlight=False, markup=False)
+        console.print(Padding(Text(told), (0, 0, 0, 2), expand=False))
         if command:
             console.print(f"    {command}", highlight=False, markup=False, soft_wrap=True)
     console.print()

@@ -109,7 +109,7 @@ def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], consol
             heads = [add_unit(name, "%") if units[name] == "%" else name for name in shown.columns]
             print_frame(table.title, shown.set_axis(heads, axis="columns"), console)
             if told:
-                console.print(f"  {told}", highlight=False, markup=False)
+                print_sentences([told], console)
     for role, title in TITLES.items():
         sentences = _list_sentences(ledger, headline, role)
         if sentences:

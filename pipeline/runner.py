@@ -241,10 +241,8 @@ class Runner:
         tables = ledger.folder / "tables"
         read = [table for each in self.stages for table in each.writes if table.name in stage.reads]
         frames = {table.name: table.read(tables / f"{table.name}.parquet") for table in read}
-        if self.console.is_terminal:
-            status = f"  [dim]{stage.name}  {stage.summary}[/dim]"
-            self.console.print(status, highlight=False, overflow="ellipsis", no_wrap=True)
-        made = stage.function(cfg=self.study.config(stage), ctx=context, **frames)
+        with self._show_work(stage, context):
+            made = stage.function(cfg=self.study.config(stage), ctx=context, **frames)
         made = (made,) if isinstance(made, pd.DataFrame) else made
         names = [table.name for table in stage.writes]
         results = made if isinstance(made, dict) else dict(zip(names, made, strict=True))
@@ -257,6 +255,27 @@ class Runner:
         ledger.save()
         log.info("%s: done in %.1f s", stage.name, seconds)
         self._print_step(Step(stage, "ran", f"{seconds:.1f} s  [dim]({reason})[/dim]"))
+
+    @contextmanager
+    def _show_work(self, stage: Stage, context: Context) -> Iterator[None]:
+        """Say on a terminal what a stage does, and of one without a device how long it has worked and took before."""
+        if not self.console.is_terminal:
+            yield
+            return
+        told = f"  [dim]{stage.name}  {stage.summary}[/dim]"
+        self.console.print(told, highlight=False, overflow="ellipsis", no_wrap=True)
+        if context.device is not None:
+            yield
+            return
+        from rich.progress import Progress, SpinnerColumn, TextColumn, TimeElapsedColumn
+
+        records = (found for each in list_ledgers(self.outputs) if (found := each.finished(stage.name)))
+        took_s = next((each["seconds"] for each in records if "seconds" in each), None)
+        before = "" if took_s is None else f"of some {took_s:.0f} s, as last time"
+        columns = (TextColumn(" "), SpinnerColumn(), TimeElapsedColumn(), TextColumn(before))
+        with Progress(*columns, console=self.console, transient=True) as shown:
+            shown.add_task(stage.name, total=None)
+            yield
 
     def _context(self, stage: Stage, ledger: Ledger, ingredients: Ingredients, signals: Watch) -> Context:
         values = ingredients.config

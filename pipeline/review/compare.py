@@ -74,7 +74,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
         raise PipelineError(f"cannot write {path}: Is a directory; name another file by --html PATH")
     part = "Everything is listed." if options.all else "What is the same in all runs is left out (--all lists it)."
     runs, configuration, metrics, *others = found.differences()
-    rest = [make_details(_begin_upper(each.title), _show_grid(each.frame)) for each in others]
+    rest = [make_details(each.title, _show_grid(each.frame)) for each in others]
     shown = [
         Section("What differs", [block for each in (configuration, metrics) for block in _show_difference(each)]),
         Section("Curves", _show_curves(curves, complaints)),

@@ -34,6 +34,7 @@ DESCRIBED = {
     "task": "the task, the movements that models are wanted for",
 }
 
+UNDECIDED = "undecided"
 SHOWN_ORDER = ("task", "unseen_bank", "bank")
 """Test sets, the one that matters most first."""
 WAYS = {
@@ -120,7 +121,7 @@ PAIRED_COMPARISON = Table(
         "p_holm": column(
             float, "p_t adjusted by Holm over the rows of this test set and n", low=0, high=1, nullable=True
         ),
-        "verdict": column(str, f"at p_holm below {LEVEL}", among=["design better", "control better", "undecided"]),
+        "verdict": column(str, f"at p_holm below {LEVEL}", among=["design better", "control better", UNDECIDED]),
     },
     key=("tested_on", "measure", "design", "control", "n"),
     brief=("tested_on", "control", "difference", "p_holm", "verdict"),
@@ -328,27 +329,33 @@ def describe_learning(
     told = [f"{text} They err by {' and by '.join(others)}." if others else text]
     curves = mean[mean["tested_on"] == tests[0]].pivot_table(index="trial", columns="arm", values="error_rate_mean")
     pairs = compared[(compared["tested_on"] == tests[0]) & (compared["measure"] == "final")]
-    for row in pairs.to_dict("records"):
+    for row in pairs[pairs["verdict"] != UNDECIDED].to_dict("records"):
         reached = curves.index[(curves[design] <= curves[row["control"]].iloc[-1]).to_numpy()]
         told.append(_compare_with(row, reached, trials))
+    left = pairs[pairs["verdict"] == UNDECIDED].to_dict("records")
+    if left:
+        ends = [f"{choose_by(row['control'])} ({_percent(row['control_mean'])})" for row in left]
+        least = min((row["p_holm"] for row in left if not pd.isna(row["p_holm"])), default=None)
+        doubt = "so few experiments tell nothing of chance" if least is None else f"p = {least:.2g} or more"
+        told.append(f"Not told apart from trajectories chosen {' or '.join(ends)}: {doubt}.")
     return told
 
 
+def choose_by(arm: str) -> str:
+    """Return how trajectories are chosen in an arm, as it stands behind *chosen*."""
+    return "at random" if arm == "random" else f"by {spell_arm(arm)}"
+
+
 def _compare_with(row: Mapping[Any, Any], reached: pd.Index, trials: int) -> str:
-    """Return how a control ended beside the design, by a row of `paired_comparison`."""
-    chosen = "at random" if row["control"] == "random" else f"by {spell_arm(row['control'])}"
-    text = f"With trajectories chosen {chosen} they end at {_percent(row['control_mean'])}"
-    if pd.isna(row["p_holm"]):
-        return f"{text}; so few experiments tell nothing of chance."
-    points = f"{100 * abs(row['difference']):.2g} points"
+    """Return how a control ended that differs from the design, by a row of `paired_comparison`."""
     ends = sorted(abs(100 * row[name]) for name in ("low", "high"))
-    doubt = f"95 % interval {ends[0]:.2g} to {ends[1]:.2g}, p = {row['p_holm']:.2g}"
-    if row["verdict"] == "undecided":
-        return f"{text}: which of both is better is undecided (p = {row['p_holm']:.2g})."
+    by = f"by {100 * abs(row['difference']):.2g} points (95 % interval {ends[0]:.2g} to {ends[1]:.2g}, p = "
+    by += f"{row['p_holm']:.2g})"
+    text = f"With trajectories chosen {choose_by(row['control'])} they end at {_percent(row['control_mean'])}"
     if row["verdict"] == "control better":
-        return f"{text}, which is better by {points} ({doubt})."
+        return f"{text}, which is better {by}."
     when = f", and reaches that at trial {int(reached[0])} of {trials}" if len(reached) else ""
-    return f"{text}: the design is better by {points} ({doubt}){when}."
+    return f"{text}: the design is better {by}{when}."
 
 
 def advise(compared: pd.DataFrame, tested_on: str, arms: Sequence[str]) -> list[str]:
@@ -358,14 +365,15 @@ def advise(compared: pd.DataFrame, tested_on: str, arms: Sequence[str]) -> list[
     """
     rows = compared[(compared["tested_on"] == tested_on) & (compared["measure"] == "final")]
     better = rows[rows["verdict"] == "control better"].sort_values("control_mean")
-    undecided = [spell_arm(each) for each in rows.loc[rows["verdict"] == "undecided", "control"]]
+    undecided = [spell_arm(each) for each in rows.loc[rows["verdict"] == UNDECIDED, "control"]]
     told = []
     if len(better):
         best = str(better["control"].iloc[0])
         told.append(f"Choose by {spell_arm(best)}: python -m pipeline active_loop.utility={best}")
     elif undecided:
         told.append(
-            f"Whether {spell_arm(arms[0])} or {' or '.join(undecided)} is better, more experiments tell: "
+            f"Whether {spell_arm(arms[0])} or {' or '.join(undecided) if len(undecided) < 3 else 'another choice'} is "
+            "better, more experiments tell: "
             "add subsampling.experiments=20 to the command of this run."
         )
     told.append(

@@ -185,14 +185,14 @@ def count_claims(told: pd.DataFrame) -> list[str]:
     verdicts = told.groupby("claim", sort=False)["verdict"].agg(set)
     tested = {claim: found & {HOLDS, FAILS} for claim, found in verdicts.items()}
     groups = {
-        "hold in every way in which they were tested": [each for each, found in tested.items() if found == {HOLDS}],
-        "hold in some ways only": [each for each, found in tested.items() if found == {HOLDS, FAILS}],
-        "do not hold": [each for each, found in tested.items() if found == {FAILS}],
-        "were not tested": [each for each, found in tested.items() if not found],
+        "Borne out in every way that was tested": [each for each, found in tested.items() if found == {HOLDS}],
+        "Borne out in some ways only": [each for each, found in tested.items() if found == {HOLDS, FAILS}],
+        "Not borne out": [each for each, found in tested.items() if found == {FAILS}],
+        "Not tested": [each for each, found in tested.items() if not found],
     }
     names = {told: ", ".join(str(each).replace("_", " ") for each in claims) for told, claims in groups.items()}
-    lines = [f"{len(claims)} {told}: {names[told]}." for told, claims in groups.items() if claims]
-    return [f"Of the paper's {len(verdicts)} claims, {lines[0]}", *lines[1:]] if lines else []
+    count = f"of the paper's {len(verdicts)} claims"
+    return [f"{told}, {len(claims)} {count}: {names[told]}." for told, claims in groups.items() if claims]
 
 
 def describe(claim: str, setting: str, tested_on: str, found: Evidence, told: Verdict) -> dict[str, Any]:

@@ -52,7 +52,7 @@ def test_the_curve_is_averaged_over_designed_trials(generator):
         (
             {"y_y": 0.04, "variance": 0.04, "random": 0.04},
             "undecided",
-            "which of both is better is undecided",
+            "Not told apart from trajectories chosen by variance (",
             ["Whether y/y or variance or random is better, more experiments tell"],
         ),
     ],
@@ -66,7 +66,7 @@ def test_planted_data_turn_verdict_finding_and_advice(means, verdict, found, adv
     final = describe_final_errors(summary, ["bank"], ARMS, muscles)
     sentences = describe_learning(final, summary[summary["muscle"] == "mean"], told, ["bank"], "y_y")
     assert f"the models err by {100 * means['y_y']:.2g} %" in sentences[0]
-    assert found in sentences[2]
+    assert any(found in each for each in sentences)
     *first, last = advise(told, "bank", ARMS)
     assert [each[: len(words)] for each, words in zip(first, advised, strict=True)] == advised
     assert last.endswith("python -m pipeline experiment=naming")

@@ -27,7 +27,7 @@ def judged(**tables):
     """Return verdicts by claim and setting."""
     frame, told = claims.function(cfg=None, ctx=None, **tables)
     checked = CLAIMS.check(frame, "test")
-    counts = re.findall(r"(\d+) (?:hold|do not hold|were not tested)", " ".join(told["sentence"]))
+    counts = re.findall(r"(\d+) of the paper", " ".join(told["sentence"]))
     assert sum(map(int, counts)) == frame["claim"].nunique()
     return checked.set_index(["claim", "setting"])
 
