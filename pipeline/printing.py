@@ -1,13 +1,13 @@
 """Frames and sentences on a terminal: a frame flows in, lines flow out."""
 
 import re
+import textwrap
 from collections.abc import Sequence
 from typing import Any
 
 import pandas as pd
 import rich.table
 from rich.console import Console
-from rich.padding import Padding
 from rich.text import Text
 
 ROWS_SHOWN_WHOLE = 60
@@ -64,7 +64,8 @@ def print_sentences(sentences: Sequence[str], console: Console) -> None:
     """Print sentences, and a command that one ends with on a line of its own, not broken, so that it can be copied."""
     for each in sentences:
         told, command = split_command(each)
-        console.print(Padding(Text(told), (0, 0, 0, 2), expand=False))
+        lines = textwrap.wrap(told, console.width - 2, break_long_words=False, break_on_hyphens=False)
+        console.print("\n".join(f"  {line}" for line in lines), highlight=False, markup=False, soft_wrap=True)
         if command:
             console.print(f"    {command}", highlight=False, markup=False, soft_wrap=True)
     console.print()
