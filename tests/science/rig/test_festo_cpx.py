@@ -288,9 +288,14 @@ def test_a_device_that_is_frozen_vents_on_thawing(rig, emulator, tmp_path):
 
 
 def test_muscles_that_stay_up_are_told(change, emulator, tmp_path):
-    """The device confirms commands that it does not carry out."""
+    """The device confirms commands that it does not carry out; until pressures are low, its watchdog is armed."""
+    states = []
+    for after_s in np.arange(FAULT_S, 3.0, 0.05):
+        emulator.clock.after(after_s, lambda: states.append(emulator.state(log=0)))
     error, _, _ = stop(change(guard={"vented_within_s": 0.4}), emulator, tmp_path, lambda: emulator.fault("deaf"))
     assert re.search(r"pam\d at \d+ kPa 0.4 s after all were commanded 0: close the air", str(error))
+    waiting = [each["watchdog_ms"] for each in states if 0.12 < each["now_s"] - error.noticed_at_s < 0.48]
+    assert waiting == [1000 * WATCHDOG_S] * 7
 
 
 def test_the_device_is_taken_by_one_process_alone(rig, change):

@@ -4,6 +4,7 @@ A link and a time flow in; the counts of all inputs over that time flow out. Whi
 watchdog is armed; the muscle is filled and let down along ramps, and let down whatever happens.
 """
 
+import contextlib
 from collections.abc import Sequence
 from dataclasses import dataclass
 
@@ -97,6 +98,8 @@ def record_held(
         finally:
             down_s = min(ramp_s * share, ramp_down_s if reason else np.inf)
             unreached = depressurise(link, share * target, max(down_s, period_s), period_s, lambda *_: None, lost)
+    with contextlib.suppress(LinkLost):  # an armed watchdog vents what is vented already
+        link.disarm()
     if lost or unreached:
         late = f"its watchdog lets the muscle down, {watchdog_s} s after the last request"
         how = late if unreached else "it was let down"

@@ -1,8 +1,7 @@
 """How muscles are let down: along a ramp, or at once where the device has vented them meanwhile.
 
 A link and what was commanded last flow in; out flows why the muscles could not be let down, if they could not. The
-watchdog is disarmed only once the device has confirmed commands of zero; a device that cannot be told so is asked for
-nothing more, so that its watchdog does it.
+watchdog stays armed; a device that cannot be told is asked for nothing more, so that its watchdog does it.
 """
 
 import contextlib
@@ -22,7 +21,7 @@ Look = Callable[[Array, Array], None]
 
 
 def depressurise(link: CpxLink, last_kpa: Array, ramp_s: float, period_s: float, look: Look, problem: str = "") -> str:
-    """Let all muscles down from their last commands (M,), kPa gauge, step by step, and disarm the watchdog.
+    """Let all muscles down from their last commands (M,), kPa gauge, step by step.
 
     What is read on the way is looked at. Where the link has a problem already, zero is commanded at once, on a
     connection of its own. Returned is why the device could not be told, the link being closed then; empty where it
@@ -47,8 +46,6 @@ def depressurise(link: CpxLink, last_kpa: Array, ramp_s: float, period_s: float,
             problem = str(error)
             _reopen(link)
         clock.sleep(begun + (np.floor(passed_s / period_s) + 1) * period_s - clock.now_s())
-    with contextlib.suppress(LinkLost):  # an armed watchdog vents what is vented already
-        link.disarm()
     return ""
 
 

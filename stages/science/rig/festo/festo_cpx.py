@@ -5,6 +5,7 @@ own watchdog is armed; whatever ends a trial early lets all of them down in a st
 longer be reached, leaves that to the watchdog.
 """
 
+import contextlib
 import logging
 import socket
 import tempfile
@@ -295,7 +296,7 @@ class FestoCpx(FillingRig):
         return self._see_down(link, begun + self.guard.ramp_down_s)
 
     def _see_down(self, link: CpxLink, commanded_at_s: float) -> str:
-        """Wait until the measured pressures are low; say which is not."""
+        """Wait until the measured pressures are low, then disarm the watchdog; say which pressure is not low."""
         while True:
             try:
                 pressure, _, _ = link.channels.to_values(link.read())
@@ -307,6 +308,8 @@ class FestoCpx(FillingRig):
                 if value > self.guard.vented_kpa
             ]
             if not up:
+                with contextlib.suppress(LinkLost):  # an armed watchdog vents what is vented already
+                    link.disarm()
                 return ""
             if clock.now_s() - commanded_at_s > self.guard.vented_within_s:
                 return (
