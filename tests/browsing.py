@@ -32,6 +32,12 @@ class Look:
         self.page.on("console", lambda message: self.complaints.append(message.text))
         self.page.on("pageerror", lambda error: self.errors.append(str(error)))
 
+    def find_violations(self):
+        """What axe-core finds against accessibility: the rule, its impact, and where."""
+        axe = pytest.importorskip("axe_playwright_python.sync_playwright", reason="axe-core is not installed")
+        found = axe.Axe().run(self.page).response["violations"]
+        return [f"{rule['id']} ({rule['impact']}): {place['html'][:80]}" for rule in found for place in rule["nodes"]]
+
     def find_beyond(self, side, shown, within_px=0.5):
         """What lies, of the elements that a selector finds, beyond the page in x, to the left or right, or in y."""
         return self.page.evaluate(

@@ -27,7 +27,7 @@ from stages.science.figures.expected_errors import draw_expected_errors
 from stages.science.figures.trial_commands import draw_chosen_trials
 from stages.science.gp.interaction import Design, Interaction
 from stages.science.gp.knowledge import Choice
-from stages.science.gp.task_utilities import TASK_UTILITIES
+from stages.science.gp.task_utilities import TASK_UTILITIES, tell_unit
 from stages.science.gp.utility_names import name_utility
 from stages.science.muscle_models.bent_inputs import Search
 from stages.science.muscle_models.description import describe_choice, describe_models
@@ -536,7 +536,8 @@ class Loop:
             changes, gained = self.bend(rows, choice, interaction, trial, rig)
             rows = self.bending.bend(rows, changes)
             described |= {"bent_by": describe_changes(changes), "bent_utility": gained}
-        samples = self.execute(rows, choice, described, trial, landed, len(left), rig)
+        reason = explain(described, self.arm, aside=bool(out))
+        samples = self.execute(rows, choice, described["trajectory"], reason, trial, landed, len(left), rig)
         usable = keep_usable(self.cfg.model.extend(samples, []))
         surprise = float(np.mean(ForceTest.read("trial", usable, self.muscles).error_rates(interaction.models)))
         told, picks = interaction.tell(choice.trajectory, *self.muscles.standardise(usable), self.starts(trial))
@@ -628,7 +629,8 @@ class Loop:
         self,
         rows: pd.DataFrame,
         choice: Choice,
-        described: dict[str, Any],
+        trajectory: int,
+        reason: str,
         trial: int,
         landed: Parts,
         left: int,
@@ -637,15 +639,15 @@ class Loop:
         """Execute the rows of a chosen trajectory; arms share the person's and the sensors' noise at equal trials."""
         label = f"{self.participant} experiment {self.experiment} {self.arm} trial {trial}"
         generator = self.ctx.generator("rig", self.participant, self.experiment, trial)
-        section, trajectories = self.cfg.active_loop, self.muscles.trajectories
-        trajectory, needed = trajectories[choice.trajectory], section.trials - trial + 1
-        scores = {} if choice.scores is None else dict(zip(trajectories, choice.scores, strict=True))
+        section, needed = self.cfg.active_loop, self.cfg.active_loop.trials - trial + 1
+        scores = {} if choice.scores is None else dict(zip(self.muscles.trajectories, choice.scores, strict=True))
         proposal = Proposal(
             position=trial,
             total=section.trials,
-            reason="; ".join([explain(described, self.arm), *(describe_expected(landed[-1]) if landed else [])]),
+            reason="; ".join([reason, *(describe_expected(landed[-1]) if landed else [])]),
             trajectory=trajectory,
             utilities={each: float(score) for each, score in scores.items() if np.isfinite(score)},
+            utility_unit=tell_unit(self.arm),
             errors=tuple(float(part[TRIALS.name]["surprise"].iloc[0]) for part in landed),
             can_skip=left > 1,
             can_reject=left > (1 if section.reuse_trajectories else needed),
@@ -684,8 +686,8 @@ def describe_expected(part: Part) -> list[str]:
     return [f"{told:.2g} % of error to be expected on the task (95 %: {low:.2g} to {high:.2g})"]
 
 
-def explain(described: dict[str, Any], arm: str) -> str:
-    """Say why a movement was chosen."""
+def explain(described: dict[str, Any], arm: str, aside: bool) -> str:
+    """Say why a movement was chosen; `aside` says whether skipped or rejected ones could not be."""
     movement = f"movement {described['trajectory']} of the bank"
     if described.get("pressures_from"):
         movement += f" with pressures of other movements ({described['pressures_from']})"
@@ -693,7 +695,9 @@ def explain(described: dict[str, Any], arm: str) -> str:
         movement += f", bent (utility + {described['bent_utility']:.3g})"
     if np.isnan(described["utility"]):
         return f"{movement}, drawn at random"
-    told = f"{movement} tells most: utility {arm} {described['utility']:.4g}"
+    among = "not skipped or rejected"
+    most = f"tells most of those {among}" if aside else "tells most"
+    told = f"{movement} {most}: utility {arm} {described['utility']:.4g}"
     if np.isnan(described["runner_up"]):
-        return f"{told}; no other is left"
+        return f"{told}; no other is left{f' that was {among}' if aside else ''}"
     return f"{told}, the next best's {described['runner_up']:.4g}"

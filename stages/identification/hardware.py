@@ -88,11 +88,11 @@ def hardware(
             make = partial(execute_tracked, row, number, len(initial_trials), references, rig, ctx)
             until_kept(partial(ctx.record.part, key, make))
             advance(f"{row['participant']} experiment {row['experiment']}")
-        first = 0
+        first, total = 0, sum(map(count_trials, passive.values()))
         for turn, commands in passive.items():
-            make = partial(execute_passive, commands, turn, first, rig, ctx)
+            make = partial(execute_passive, commands, turn, first, total, rig, ctx)
             until_kept(partial(ctx.record.part, (NOBODY, *turn), make))
-            first += commands.groupby(["experiment", "trial"]).ngroups
+            first += count_trials(commands)
             advance(f"protocol experiment {turn[0]}")
     tables = ctx.record.collect()
     pace = measure_pace(leave_out_lead_in(tables[HARDWARE_RECORDINGS.name]), ["participant", "experiment", "position"])
@@ -128,8 +128,13 @@ def split_turns(commands: pd.DataFrame | None, singly: bool) -> dict[tuple[int, 
     return {tuple(int(str(each)) for each in key): rows for key, rows in commands.groupby(by, sort=False)}
 
 
+def count_trials(commands: pd.DataFrame) -> int:
+    """Return how many trials of the protocol there are."""
+    return commands.groupby(["experiment", "trial"]).ngroups
+
+
 def execute_passive(
-    commands: pd.DataFrame, key: tuple[int, ...], first: int, rig: Rig, ctx: Context
+    commands: pd.DataFrame, key: tuple[int, ...], first: int, total: int, rig: Rig, ctx: Context
 ) -> dict[str, pd.DataFrame]:
     """Execute trials of the protocol, numbered from the first on."""
     frames = []
@@ -138,6 +143,7 @@ def execute_passive(
     for number, ((experiment, trial), samples) in enumerate(trials, first):
         turn = int(str(experiment)), int(str(trial))
         label = "protocol experiment {} trial {}".format(*turn)
-        recording = rig.execute(passive_trial(samples, rig, label, number), ctx.generator(NOBODY, *turn), watch)
+        given = passive_trial(samples, rig, label, number, Proposal(number + 1, total, "a trial of the protocol"))
+        recording = rig.execute(given, ctx.generator(NOBODY, *turn), watch)
         frames.append(pd.DataFrame(tidy(recording, rig)).assign(experiment=turn[0], trial=turn[1]))
     return {PROTOCOL_RECORDINGS.name: pd.concat(frames, ignore_index=True)[list(PROTOCOL_RECORDINGS.columns)]}

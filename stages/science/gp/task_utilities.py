@@ -9,11 +9,19 @@ from stages.science.gp.kernel import Array
 from stages.science.gp.marginal import MarginalGP
 from stages.science.gp.predictive_information import PREDICTIVE_INFORMATION, TaskInformation
 from stages.science.gp.task_gain import TaskGain
+from stages.science.gp.utilities import UTILITIES
 
 TASK_UTILITIES: Mapping[str, type[TaskGain]] = {
     INTEGRATED_VARIANCE: TaskVariance,
     PREDICTIVE_INFORMATION: TaskInformation,
 }
+
+
+def tell_unit(name: str) -> str:
+    """Return the unit of a utility's scores, by its name; empty for a function of one's own, whose unit is unknown."""
+    if name in ("variance", INTEGRATED_VARIANCE):
+        return "standard units²"
+    return "nat" if name in (*UTILITIES, PREDICTIVE_INFORMATION, "log_det") else ""
 
 
 def task_utility(

@@ -316,7 +316,7 @@ class OperatorSession:
 
     def _remember(self, trial: Trial, word: Word, note: str) -> None:
         log.info("operator: %s %s%s", word, trial.label or trial.kind, f" ({note})" if note else "")
-        self._history.append({"trial": trial.label or trial.kind, "decision": word, "note": note})
+        self._history.append({"trial": _entitle(trial), "decision": word, "note": note})
 
     def _sum_up(self, trial: Trial, recording: Recording) -> dict[str, Any]:
         """Return what is shown of a recording, without its lead-in."""
@@ -334,15 +334,22 @@ class OperatorSession:
         """Return what is shown of a trial before it is executed."""
         told, every, samples = trial.proposal, self._every, len(trial.pressure_command_kpa)
         return {
+            "title": _entitle(trial),
             "label": trial.label or trial.kind,
             "kind": trial.kind,
-            "participant": trial.participant,
             "duration_s": samples / self._rate_hz,
             "time_s": (np.arange(samples)[::every] / self._rate_hz).tolist(),
             "pressure_command_kpa": trial.pressure_command_kpa[::every].tolist(),
             "reference_rad": None if trial.reference_rad is None else trial.reference_rad[::every].tolist(),
-            **{name: getattr(told, name, None) for name in ("position", "total", "trajectory")},
+            **{name: getattr(told, name, None) for name in ("position", "total", "trajectory", "utility_unit")},
             "reason": told.reason if told else "",
             "utilities": [[int(k), float(v)] for k, v in told.utilities.items()] if told else [],
             "errors": list(told.errors) if told else [],
         }
+
+
+def _entitle(trial: Trial) -> str:
+    """Return which trial it is, of how many, and who does what in it."""
+    doing = {"passive": "nobody moves", "free": f"{trial.participant} moves freely"}
+    does = doing.get(trial.kind, f"{trial.participant} follows the reference")
+    return f"trial {trial.proposal.position} of {trial.proposal.total}: {does}" if trial.proposal else does

@@ -112,11 +112,8 @@ class Terminal:
 
 def _describe_proposal(trial: dict[str, Any]) -> list[str]:
     """Return lines that say which trial is proposed and why."""
-    which = f"{trial['position']} of {trial['total']}: " if trial["position"] is not None else ""
-    who = {"passive": "nobody moves", "free": f"{trial['participant']} moves freely"}
-    doing = who.get(trial["kind"], f"{trial['participant']} follows the reference")
     reason = [f"  {trial['reason']}"] if trial["reason"] else []
-    return [f"{which}{trial['label']} ({doing}, {trial['duration_s']:g} s)", *reason]
+    return [f"{trial['title']}, {trial['duration_s']:g} s ({trial['label']})", *reason]
 
 
 def _describe_outcome(scene: dict[str, Any]) -> list[str]:

@@ -14,7 +14,7 @@ from stages.science.rig.contract import Rig
 from stages.science.rig.excitation import Range, check_ranges
 from stages.science.rig.limits import Limits
 from stages.science.rig.reference import arrange
-from stages.science.rig.trial import Trial
+from stages.science.rig.trial import Proposal, Trial
 from stages.science.signals.trajectories import Array, connect_points
 
 STEEPEST = 1.875
@@ -118,7 +118,9 @@ class Sweeps(Declared):
         return connect_points(levels[:, None], np.arange(1, self.levels) * each_s - lasting / 2, lasting, time_s)[:, 0]
 
 
-def passive_trial(samples: pd.DataFrame, rig: Rig, label: str, number: int | None = None) -> Trial:
+def passive_trial(
+    samples: pd.DataFrame, rig: Rig, label: str, number: int | None = None, proposal: Proposal | None = None
+) -> Trial:
     """Return the trial in which nobody moves and the robot plays given commands; rows and errors as of `arrange`."""
     command = arrange(samples, "pressure_command_kpa", rig)
-    return Trial("passive", "nobody", command, label=label, number=number)
+    return Trial("passive", "nobody", command, label=label, number=number, proposal=proposal)

@@ -45,6 +45,8 @@ class Proposal:
     """Movement of the bank, where it is one."""
     utilities: Mapping[int, float] = field(default_factory=dict)
     """By movement of the bank: how much each one tells, where that was asked."""
+    utility_unit: str = ""
+    """Of these; empty where it is unknown."""
     errors: tuple[float, ...] = ()
     """Of the trials learned from so far: error rate of the models' prediction before."""
     can_skip: bool = False

@@ -55,6 +55,7 @@ def make_trial(machine, kind="tracked", position=1, label=""):
         total=12,
         reason="movement 17 of the bank tells most: its predictions differ by 21 % between the models",
         trajectory=np.int64(17),
+        utility_unit="nat",
         utilities={k: 0.9 if k == 17 else 0.45 + 0.4 * np.sin(k) for k in range(40)},
         errors=tuple(0.4 * 0.9**k for k in range(position - 1)),
         can_skip=True,

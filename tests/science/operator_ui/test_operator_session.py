@@ -67,7 +67,7 @@ class Operator:
     def write(self, text):
         for line in text.splitlines():
             self.printed.append(line)
-            named = re.match(r"\d+ of \d+: (.*) \(.*, [\d.]+ s\)$", line)
+            named = re.match(r"trial \d+ of \d+: .*, [\d.]+ s \((.*)\)$", line)
             self.label = named[1] if named else self.label
             waiting = self.answers.get(self.label)
             if "= accept" in line or "= repeat" in line:
@@ -118,7 +118,9 @@ def test_skipped_repeated_and_rejected_trials_lie_where_they_belong(decided):
     assert told["stopped_by"].unique() == ["rejected by the operator: the strap came off"]
     assert len(told) == len(read(run, "active_recordings")) / 2
     assert len(read(run, "bank")["trajectory"].unique()) == 5
-    assert (decided.outputs.parent / "printed.txt").read_text().count("tells most: utility integrated_variance") == 4
+    printed = (decided.outputs.parent / "printed.txt").read_text()
+    told = re.findall(r"tells most(.*): utility integrated_variance", printed)
+    assert told == ["", *[" of those not skipped or rejected"] * 3]
 
 
 def test_a_study_that_is_stopped_and_continued_is_the_same_study(decided, tmp_path):
@@ -171,6 +173,9 @@ def test_movements_that_are_all_skipped_are_proposed_again_and_enough_are_kept(d
     assert sorted(skipped) == sorted(set(skipped))
     assert len(skipped) == 4
     assert decisions["decision"].tolist()[4:] == ["reject", "reject", "keep", "keep"]
+    told = [line for line in operator.printed if "tells most" in line][:5]
+    assert ["of those not skipped or rejected" in line for line in told] == [False, True, True, True, False]
+    assert "no other is left that was not skipped or rejected" in told[3]
     offers = [line for line in operator.printed if "= repeat" in line]
     assert ["= reject" in line for line in offers[-4:]] == [True, True, False, False]
     assert len(read(run, "trials")) == 2

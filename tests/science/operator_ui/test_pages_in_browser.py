@@ -25,6 +25,21 @@ OFFERED = """() => new Promise(resolve => {
         else resolve([offered, pamid.frames - before]);
     });
 })"""
+NOTE_WRITTEN = """() => {
+    const fillText = CanvasRenderingContext2D.prototype.fillText;
+    window.written = new Set();
+    CanvasRenderingContext2D.prototype.fillText = function (text, ...where) {
+        written.add(text);
+        fillText.call(this, text, ...where);
+    };
+}"""
+CHOSEN = "document.activeElement.dataset.word ?? document.activeElement.id"
+SWEEPS = "getComputedStyle(document.getElementById('progress')).stroke !== 'none'"
+SHOWS_GREEN = """() => {
+    const canvas = document.querySelector("canvas");
+    const { data } = canvas.getContext("2d").getImageData(0, 0, canvas.width, canvas.height);
+    return data.some((green, at) => at % 4 === 1 && green > data[at - 1] + 60 && green > data[at + 1] + 30);
+}"""
 BACKGROUND = "getComputedStyle(document.body).backgroundColor"
 WHITE, BLACK = "rgb(255, 255, 255)", "rgb(18, 22, 28)"
 CLICK = "document.getElementById('stop').click()"
@@ -35,6 +50,7 @@ ACROSS = "h1, h2, p, dd, dt, li, button, textarea, canvas, figcaption, .ring, kb
 DOWN = "h1, p, dl, button, canvas, footer, .ring"
 ROLES = ("participant", "operator")
 POLLED_S = 0.02
+TITLE = "trial 4 of 12: p1 follows the reference"
 
 
 class Look(browsing.Look):
@@ -51,7 +67,7 @@ class Look(browsing.Look):
 
     def open(self):
         self.page.goto(self.address)
-        self.wait("pamid.phase !== 'lost'")
+        self.wait("!['connecting', 'lost'].includes(pamid.phase)")
 
     def wait(self, holds):
         self.room.wait(lambda: self.page.evaluate(holds))
@@ -174,10 +190,14 @@ def test_a_trial_from_its_proposal_to_its_result_and_trials_that_follow_by_thems
     room = still(countdown_s=2.5, trial_s=3.0, result_s=0.3, lost_after_s=10.0, needed=list(ROLES))
     participant, operator = map(room.look, ROLES)
     participant.wait_text("Please wait")
+    operator.wait_text("preparing")
+    operator.page.evaluate(NOTE_WRITTEN)
     study = room.start("tracked", "tracked", "tracked")
     participant.wait_text("The next movement begins soon")
     operator.wait_text("its predictions differ by 21 %")
     operator.wait_text("skipping it chooses movement")
+    operator.wait_text("Utility of each movement of the bank (nat)")
+    operator.wait("['time (s)', 'trial', 'movement'].every(each => written.has(each))")
     assert operator.page.locator("#choices button").all_inner_texts() == ["accept a", "skip s", "stop for today q"]
     operator.page.locator("button.accept").click()
     participant.wait_text("Get ready")
@@ -206,7 +226,7 @@ def test_a_trial_from_its_proposal_to_its_result_and_trials_that_follow_by_thems
     assert operator.page.locator("#note").input_value() == ""
     operator.page.locator("button.keep").click()
     room.wait(lambda: study.ended)
-    assert room.session.see()["history"] == [{"trial": "trial 4", "decision": "keep", "note": "arm at rest"}]
+    assert room.session.see()["history"] == [{"trial": TITLE, "decision": "keep", "note": "arm at rest"}]
     operator.wait_text("arm at rest")
     toggle = operator.page.get_by_label("let trials follow by themselves")
     toggle.check()
@@ -226,7 +246,7 @@ def test_what_is_written_is_shown_as_it_is_and_presses_no_keys(still):
     operator = room.look("operator")
     room.start("tracked", label=HOSTILE)
     operator.wait_phase("proposed")
-    assert operator.page.locator("#label").inner_text() == HOSTILE
+    assert operator.page.locator("#logged").inner_text() == HOSTILE
     note = f"a skip d x q {HOSTILE}"
     operator.page.locator("#note").click()
     operator.page.keyboard.type(note)
@@ -239,9 +259,9 @@ def test_what_is_written_is_shown_as_it_is_and_presses_no_keys(still):
     assert operator.page.locator("#note").input_value() == note
     operator.press("s")
     room.wait(lambda: room.session.see()["history"])
-    assert room.session.see()["history"] == [{"trial": HOSTILE, "decision": "skip", "note": note}]
+    assert room.session.see()["history"] == [{"trial": TITLE, "decision": "skip", "note": note}]
     room.wait(operator.page.locator("#history td").first.is_visible)
-    assert operator.page.locator("#history td").all_inner_texts() == [HOSTILE, "skip", note]
+    assert operator.page.locator("#history td").all_inner_texts() == [TITLE, "skip", note]
     assert operator.page.title() == "Operator"
     assert operator.complaints + operator.errors == []
 
@@ -286,10 +306,10 @@ def test_the_end_is_told_and_a_page_comes_back_with_the_next_study(still):
     room.start("tracked")
     participant.wait_phase("proposed")
     room.server.close()
-    participant.wait_text("The study has ended")
+    participant.wait_text("The program has ended")
     operator.wait_text("ended: the terminal says how")
     room.pass_time(1.2)  # tries to connect again fail meanwhile
-    assert participant.page.get_by_text("The study has ended").is_visible()
+    assert participant.page.get_by_text("The program has ended").is_visible()
     room.server.open()
     for look in room.looks:
         look.wait_phase("proposed")
@@ -318,6 +338,70 @@ def test_pages_fit_in_every_state(still, theme, paper, other):
     assert participant.page.evaluate(BACKGROUND) == other
 
 
+@pytest.mark.slow
+def test_pages_are_accessible_in_light_and_dark(room):
+    room = room(countdown_s=5.0, trial_s=6.0)
+    looks = [room.look(role, theme=theme) for role in ROLES for theme in ("light", "dark")]
+    participant, operator = looks[0], looks[-1]
+
+    def check(phase):
+        for look in looks:
+            look.wait_phase(phase)
+            assert look.find_violations() == [], (phase, look.address)
+
+    check("busy")
+    room.start(*["tracked"] * 2)
+    operator.wait_phase("proposed")
+    operator.page.locator("#note").fill("a long note " * 150)
+    operator.page.locator("button.skip").click()
+    operator.wait_text("a long note")
+    check("proposed")
+    operator.page.get_by_role("heading").first.click()
+    chosen = []
+    for _ in range(6):
+        operator.press("Tab")
+        chosen.append(operator.page.evaluate(CHOSEN))
+    assert chosen == ["note", "accept", "skip", "pause", "automatic", "address"]
+    operator.page.locator("button.accept").click()
+    check("countdown")
+    assert participant.page.evaluate(SWEEPS)
+    participant.page.emulate_media(reduced_motion="reduce")
+    assert not participant.page.evaluate(SWEEPS)
+    for phase in ("running", "judging"):
+        check(phase)
+
+
+@pytest.mark.slow
+def test_pages_say_what_they_know_once_their_server_is_killed(browser, tmp_path):
+    participant, operator = looks = [browsing.Look(browser, SIZES["wide"], color_scheme="light") for _ in ROLES]
+    with serve(tmp_path / "outputs", anew=True) as (_, process, addresses):
+        for role, look in zip(ROLES, looks, strict=True):
+            look.page.goto(addresses[role])
+        operator.page.wait_for_function("() => pamid.phase === 'proposed'")
+        assert not operator.page.get_by_role("alert").first.is_visible()
+        operator.page.keyboard.press("a")
+        participant.page.wait_for_function("() => pamid.phase === 'running'")
+        participant.page.wait_for_function(SHOWS_GREEN)
+        process.kill()
+        for look in looks:
+            look.page.wait_for_function("() => pamid.phase === 'lost'")
+            assert look.page.locator("#stop").is_disabled()
+    told = operator.page.get_by_text("Connection lost: use the emergency stop")
+    assert told.evaluate("each => parseFloat(getComputedStyle(each).fontSize)") >= 28
+    assert operator.page.get_by_text("look at the rig, and at the terminal").is_visible()
+    assert operator.page.locator("#label").evaluate("each => getComputedStyle(each, '::before').content") == '"stale: "'
+    assert operator.page.get_by_label("let trials follow by themselves").is_disabled()
+    assert participant.page.locator(".told").inner_text().split("\n\n") == [
+        "Connection lost",
+        "this page shows and stops nothing now: tell the operator",
+    ]
+    assert not participant.page.evaluate(SHOWS_GREEN)
+    for look in looks:
+        assert look.find_violations() == []
+        look.page.emulate_media(color_scheme="dark")
+        assert look.find_violations() == []
+
+
 KEYS = {"accept": "a", "skip": "s", "keep": "k", "repeat": "r", "reject": "x"}
 FIRST, FOURTH = (f"p1 experiment 1 integrated_variance trial {each}" for each in (1, 4))
 ANSWERS = {
@@ -334,7 +418,7 @@ def answer(operator, waiting):
     if not offered:
         time.sleep(0.02)
         return
-    label = operator.text_content("#label")
+    label = operator.text_content("#logged")
     usual = "accept" if "accept" in offered else "keep"
     word = waiting[label].pop(0) if waiting.get(label) else usual
     operator.fill("#note", f"{word} {label}" if label in ANSWERS else "")

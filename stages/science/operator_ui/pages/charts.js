@@ -3,7 +3,7 @@
 import { drawDisc, drawLine, fit } from "./shared.js";
 
 const LEFT = 46;
-const BOTTOM = 18;
+const BOTTOM = 32;
 const TOP = 8;
 const RIGHT = 8;
 
@@ -25,8 +25,8 @@ function span(values, least) {
   return [low - missing / 2, high + missing / 2];
 }
 
-/** Clear a canvas, draw its axes, and return where a point of the chart lies on it. */
-function begin(canvas, x, y, colours, xTicks = null) {
+/** Clear a canvas, draw its axes, with the title of x, and return where a point of the chart lies on it. */
+function begin(canvas, x, y, title, colours, xTicks = null) {
   const { width, height } = fit(canvas);
   const context = canvas.getContext("2d");
   const toX = (value) => LEFT + ((value - x[0]) / (x[1] - x[0])) * (width - LEFT - RIGHT);
@@ -46,15 +46,16 @@ function begin(canvas, x, y, colours, xTicks = null) {
   context.textAlign = "center";
   const about = xTicks ?? Math.max(1, Math.min(4, (width - LEFT) / 45));
   for (const { value, text } of about ? ticks(...x, about) : []) {
-    context.fillText(text, Math.min(toX(value), width - context.measureText(text).width / 2 - 1), height - 1);
+    context.fillText(text, Math.min(toX(value), width - context.measureText(text).width / 2 - 1), height - 15);
   }
+  context.fillText(title, (LEFT + width - RIGHT) / 2, height - 1);
   return { context, toX, toY, width, height };
 }
 
 /** Draw curves over time. A curve: time_s, values, colour (its name), dashed. */
 export function drawCurves(canvas, duration_s, curves, least, colours, now_s = null) {
   const y = span(curves.flatMap((each) => each.values), least);
-  const { context, toX, toY, height } = begin(canvas, [0, duration_s], y, colours);
+  const { context, toX, toY, height } = begin(canvas, [0, duration_s], y, "time (s)", colours);
   if (now_s !== null && now_s >= 0 && now_s <= duration_s) {
     context.strokeStyle = colours("soft");
     drawLine(context, [[toX(now_s), TOP], [toX(now_s), height - BOTTOM]]);
@@ -73,7 +74,7 @@ export function drawCurves(canvas, duration_s, curves, least, colours, now_s = n
 export function drawLearning(canvas, percents, colours) {
   const y = [0, Math.max(...percents, 1) * 1.08];
   const x = [0.5, Math.max(percents.length, 4) + 0.5];
-  const { context, toX, toY } = begin(canvas, x, y, colours, Math.min(percents.length + 1, 8));
+  const { context, toX, toY } = begin(canvas, x, y, "trial", colours, Math.min(percents.length + 1, 8));
   context.strokeStyle = context.fillStyle = colours("accent");
   context.lineWidth = 1.8;
   const points = percents.map((value, index) => [toX(index + 1), toY(value)]);
@@ -87,7 +88,7 @@ export function drawBars(canvas, pairs, chosen, next, colours) {
   const [low, high] = [Math.min(0, ...values), Math.max(0, ...values)];
   const rest = (high - low || 1) * 0.14;
   const x = [-0.5, pairs.length - 0.5];
-  const { context, toX, toY } = begin(canvas, x, [low - (low < 0 ? rest : 0), high + rest], colours, 0);
+  const { context, toX, toY } = begin(canvas, x, [low - (low < 0 ? rest : 0), high + rest], "movement", colours, 0);
   const wide = toX(1) - toX(0);
   const bar = Math.max(wide * 0.76, 1);
   context.textBaseline = "bottom";

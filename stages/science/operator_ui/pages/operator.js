@@ -5,7 +5,7 @@ const DRAWN_EVERY_S = 1 / 15;
 const KEYS = { accept: "a", skip: "s", keep: "k", repeat: "r", reject: "x", pause: "q" };
 const NAMES = { pause: "stop for today" };
 const PHASES = {
-  busy: "busy",
+  busy: "preparing",
   proposed: "a trial is proposed",
   countdown: "countdown",
   running: "running",
@@ -25,7 +25,7 @@ let panels = [];
 let decided = null;
 let dirty = true;
 let drawn_s = 0;
-window.pamid = { frames: 0, phase: "busy" };
+window.pamid = { frames: 0, phase: "connecting" };
 
 const line = new Line("operator", (message) => {
   if (message.kind === "moment") {
@@ -77,11 +77,14 @@ function warn(id, text) {
 }
 
 function show() {
-  const { trial, outcome, phase } = scene;
-  write(find("label"), trial ? trial.label : "No trial yet");
-  const facts = trial ? [trial.kind, `participant: ${trial.participant}`, `${trial.duration_s.toFixed(1)} s`] : [];
+  const { outcome, phase } = scene;
+  const trial = phase === "busy" ? null : scene.trial;
+  write(find("label"), trial ? trial.title : "no trial runs");
+  const facts = trial ? [`${trial.duration_s.toFixed(1)} s`] : [];
   if (trial && trial.trajectory !== null) facts.push(`movement ${trial.trajectory}`);
+  if (trial) facts.push("in the log: ");
   write(find("facts"), facts.join(" · "));
+  write(find("logged"), trial?.label ?? "");
   write(find("reason"), trial?.reason ?? "");
   const off = outcome.tracking_error_rad ?? [];
   const told = off.map((each, index) => `${scene.machine.joints[index].name} ${degrees(each).toFixed(1)}°`);
@@ -96,8 +99,8 @@ function show() {
   write(find("pages"), pages.join(" · "));
   find("address").href = scene.participant_url;
   write(find("address"), scene.participant_url);
-  const { position = null, total } = trial ?? {};
-  write(find("progress"), position === null ? "" : `trial ${position} of ${total}`);
+  const { position = null, total } = scene.trial ?? {};
+  write(find("progress"), position === null || trial === null ? "" : `trial ${position} of ${total}`);
   find("done").style.width = position === null ? "0" : `${(100 * (position - 1)) / Math.max(total, 1)}%`;
   showChoices();
   showHistory();
@@ -118,9 +121,12 @@ function showState() {
   else if (scene?.phase === "running") told = left > 0 ? "filling the muscles" : `running, ${Math.min(-left, scene.trial.duration_s).toFixed(1)} s`;
   write(find("phase"), told);
   find("phase").classList.toggle("bad", lost);
-  find("choices").inert = lost;
+  document.body.classList.toggle("stale", lost);
+  if (lost) write(find("heard"), line.heard.toLocaleTimeString());
+  find("lost").hidden = !lost || line.ended;
+  find("choices").inert = find("automatic").disabled = lost;
   find("stop").disabled = lost || !isMoving(scene) || Boolean(scene.stop);
-  window.pamid.phase = lost ? "lost" : scene?.phase ?? "busy";
+  window.pamid.phase = line.tell(scene);
 }
 
 function showChoices() {
@@ -159,14 +165,16 @@ function showFigures() {
   find("learning").hidden = errors.length === 0;
   if (errors.length) {
     drawLearning(find("learning").querySelector("canvas"), errors.map((each) => 100 * each), colours);
-    const told = `${errors.length} trials, now ${(100 * errors.at(-1)).toFixed(1)} %`;
+    const told = `${errors.length} trial${errors.length === 1 ? "" : "s"}, now ${(100 * errors.at(-1)).toFixed(1)} %`;
     write(find("learning").querySelector("p"), told);
   }
-  const utilities = scene.trial?.utilities ?? [];
+  const utilities = scene.phase === "busy" ? [] : scene.trial?.utilities ?? [];
   find("utilities").hidden = utilities.length === 0;
   if (!utilities.length) return;
-  const chosen = scene.trial.trajectory;
-  const others = utilities.filter(([name, value]) => name !== chosen && value !== null);
+  const { trajectory: chosen, utility_unit: unit } = scene.trial;
+  write(find("utilities").querySelector("h2"), `Utility of each movement of the bank${unit && ` (${unit})`}`);
+  const canSkip = scene.choices.includes("skip");
+  const others = utilities.filter(([name, value]) => canSkip && name !== chosen && value !== null);
   const next = others.length ? others.reduce((best, each) => (each[1] > best[1] ? each : best)) : null;
   drawBars(find("utilities").querySelector("canvas"), utilities, chosen, next?.[0], colours);
   const own = utilities.find(([name]) => name === chosen)?.[1];
@@ -183,7 +191,10 @@ function makePanels() {
     KINDS.map((kind) => {
       const figure = make("figure");
       const canvas = make("canvas");
-      figure.append(make("figcaption", `${joint.name} ${kind.title}`), canvas);
+      const title = `${joint.name} ${kind.title}`;
+      canvas.setAttribute("role", "img");
+      canvas.setAttribute("aria-label", `${title} over time`);
+      figure.append(make("figcaption", title), canvas);
       const muscles = scene.machine.muscles.map((each, index) => ({ ...each, index }));
       return { ...kind, column, muscles: muscles.filter((each) => each.joint === joint.name), figure, canvas };
     }),

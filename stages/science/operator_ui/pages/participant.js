@@ -21,7 +21,7 @@ let pointed = null;
 let pointed_s = 0;
 let posture = null;
 let leavingFull = false;
-window.pamid = { frames: 0, phase: "busy" };
+window.pamid = { frames: 0, phase: "connecting" };
 
 const line = new Line("participant", (message) => {
   if (message.kind === "moment") moment = message;
@@ -38,7 +38,6 @@ function takeScene(next) {
   scene = next;
   const joints = scene.machine.joints ?? [];
   box = joints.length ? findBox(joints) : null;
-  find("stop").disabled = !isMoving(scene) || Boolean(scene.stop);
   tell();
 }
 
@@ -59,9 +58,10 @@ function stop(why) {
 function say() {
   const { phase, trial, outcome } = scene;
   const tracked = Boolean(trial?.reference_rad);
-  if (line.ended) return ["The study has ended", "or stops for today: thank you"];
-  if (line.lost) return ["Connection lost", "please wait; the robot is let down"];
-  if (scene.stop && isMoving(scene)) return ["Stopped", "stay relaxed, the robot is let down"];
+  if (line.heard === null) return ["Please wait", "connecting"];
+  if (line.ended) return ["The program has ended", "thank you; the operator says how it goes on"];
+  if (line.lost) return ["Connection lost", "this page shows and stops nothing now: tell the operator"];
+  if (scene.stop && isMoving(scene)) return ["Stopped", "stay relaxed"];
   if (phase === "proposed") return ["The next movement begins soon", outcome.stopped ? "the last one did not begin" : ""];
   if (phase === "countdown") return ["Get ready", tracked ? "the red arm shows where it begins" : ""];
   if (phase === "running") {
@@ -77,9 +77,9 @@ function say() {
     return ["Done", `you were ${WORDS.find(([most]) => mean < most)[1]}`];
   }
   if (phase === "over") {
-    return outcome.problem ? ["Stopped", "the robot ended the movement; please wait"] : ["That is all", "thank you"];
+    return outcome.problem ? ["Stopped", "the movement was ended; please wait"] : ["That is all", "thank you"];
   }
-  return ["Please wait", ""];
+  return ["Please wait", "preparing"];
 }
 
 function tell() {
@@ -94,7 +94,10 @@ function tell() {
     list.replaceChildren(...shown.flatMap(([name, error]) => [make("dt", name), make("dd", error)]));
   }
   find("legend").classList.toggle("shown", isShowing());
-  window.pamid.phase = line.lost ? "lost" : scene.phase;
+  find("stop").disabled = line.lost || !isMoving(scene) || Boolean(scene.stop);
+  const phase = line.tell(scene);
+  dirty ||= phase !== window.pamid.phase;
+  window.pamid.phase = phase;
 }
 
 function count() {
@@ -117,7 +120,7 @@ function count() {
 // the picture
 
 function isShowing() {
-  return isMoving(scene) && Boolean(scene.trial?.reference_rad);
+  return !line.lost && isMoving(scene) && Boolean(scene.trial?.reference_rad);
 }
 
 function draw() {
@@ -131,7 +134,7 @@ function draw() {
   let shown_reference_s = null;
   let keepOff = [];
   const at_s = isRunning() ? trialTime() : 0;
-  if (isShowing() && !line.lost && !scene.stop) {
+  if (isShowing() && !scene.stop) {
     const { time_s, reference_rad } = scene.trial;
     for (const ahead_s of GHOSTS_S) {
       const look = { colour: colours("target"), width: 0.022, alpha: 0.07 + 0.27 * (1.1 - ahead_s) };
@@ -142,7 +145,7 @@ function draw() {
     keepOff = drawArm(context, place, reference, look);
     shown_reference_s = at_s;
   }
-  if (moment !== null) {
+  if (moment !== null && !line.lost) {
     const look = { colour: colours("you"), width: 0.034, label: "you", side: -1, size, keepOff };
     drawArm(context, place, moment.angle_rad, look);
   }

@@ -31,6 +31,7 @@ export class Clock {
 export class Line {
   clock = new Clock();
   heard_s = -Infinity;
+  heard = null; // the last message's time of day
   asked_s = -Infinity;
   again_s = 0.5;
   leaving = false;
@@ -67,6 +68,7 @@ export class Line {
 
   take(message) {
     this.heard_s = pageTime();
+    this.heard = new Date();
     if (message.kind === "clock") {
       this.clock.take(message);
       if (this.clock.exchanges.length < 5) this.ask();
@@ -89,8 +91,16 @@ export class Line {
     if (this.socket.readyState === WebSocket.OPEN) this.socket.send(JSON.stringify(message));
   }
 
+  /** Whether nothing is heard any more, after something was. */
   get lost() {
-    return this.socket.readyState !== WebSocket.OPEN || pageTime() - this.heard_s > SILENT_AFTER_S;
+    const silent = this.socket.readyState !== WebSocket.OPEN || pageTime() - this.heard_s > SILENT_AFTER_S;
+    return this.heard !== null && silent;
+  }
+
+  /** What a page is told by `window.pamid.phase`. */
+  tell(scene) {
+    if (this.heard === null) return "connecting";
+    return this.lost ? "lost" : scene?.phase ?? "busy";
   }
 }
 
