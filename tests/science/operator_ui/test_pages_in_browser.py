@@ -446,10 +446,7 @@ def test_a_study_is_driven_through_its_pages(browser, tmp_path):
     decisions = read(run, "decisions").set_index(["trial", "attempt"])
     assert decisions.loc[1, "decision"].tolist() == ["skip", "reject", "keep"]
     assert decisions.loc[4, "decision"].tolist() == ["repeat", "keep"]
-    assert (
-        decisions.loc[(1, 2), "note"]
-        == "accept p1 experiment 1 integrated_variance trial 1; reject p1 experiment 1 y_y trial 1"
-    )
+    assert decisions.loc[(1, 2), "note"] == f"accept {FIRST}; reject {FIRST}"
     assert len(decisions) == 8
     trials, recordings = read(run, "trials"), read(run, "active_recordings")
     assert trials["trial"].tolist() == list(range(1, 6))
