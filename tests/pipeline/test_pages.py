@@ -52,6 +52,16 @@ def test_page_stands_alone_and_fits(pages, browser, kind):
     assert look.complaints + look.errors == []
 
 
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("kind", ["sweep", "comparison", "report", "failure"])
+def test_page_is_accessible(pages, browser, kind, scheme):
+    look = browsing.Look(browser, WIDTHS["wide"], offline=True, color_scheme=scheme)
+    look.page.goto(pages[kind].as_uri())
+    look.page.evaluate("document.querySelectorAll('details').forEach(each => { each.open = true })")
+    assert look.find_violations() == []
+    look.page.close()
+
+
 def test_a_request_to_elsewhere_is_refused(pages, browser, tmp_path):
     """The page's own rules, and not the lack of network, keep it to itself."""
     page = tmp_path / "page.html"
