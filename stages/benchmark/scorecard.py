@@ -212,7 +212,7 @@ def describe_rates(rates: pd.DataFrame, sessions: int) -> list[str]:
         for row in missed.to_dict("records")
     ]
     right = ", ".join(shares) or "none, as none counts"
-    kept = f"{len(known) - len(missed)} of {len(known)} targets are met"
+    kept = f"{len(known) - len(missed)} of {len(known)} targets are met, by the shares as they came out"
     return [
         f"In {sessions} sessions the first name, or its class, is right in {right}.",
         f"{kept}; missed: {'; '.join(lines)}." if lines else f"{kept}.",

@@ -18,7 +18,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.figures.canvas import spell_arm
-from stages.science.figures.learning_curves import draw_learning_curves
+from stages.science.figures.learning_curves import MOST_BARS, draw_learning_curves
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, ENDED, average_muscles, carry_forward
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import RecordedModels
@@ -187,8 +187,9 @@ def comparison(
     told = f"{'' if common is kept else ENDED} {describe_arms(arms)}"
     experiments = int(summary["experiments"].max())
     caption = (
-        f"Error rate (RMSE over the largest force of the test data) after each trial, mean and standard deviation (of "
-        f"{arms[0]}, where there are many arms) over {experiments} experiment{'s' * (experiments > 1)}. Trial 0 is the "
+        f"Error rate (RMSE over the largest force of the test data) after each trial, mean and standard deviation"
+        f"{f' (of {spell_arm(arms[0])})' if len(arms) > MOST_BARS else ''} over {experiments} "
+        f"experiment{'s' * (experiments > 1)}. Trial 0 is the "
         "initial data, the same for every arm"
     )
     mean = summary[summary["muscle"] == ALL_MUSCLES]
