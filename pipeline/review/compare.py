@@ -2,6 +2,7 @@
 
 import argparse
 import re
+from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
@@ -183,13 +184,19 @@ class Comparison:
             self._compare_metrics(),
             *(found for name in names if (found := self._compare_table(name))),
             *self._compare_files(),
-            Difference("Code, libraries, machines", "" if len(surroundings) else "no difference", surroundings),
+            Difference(
+                "Code, libraries, machines",
+                format_count(len(surroundings), "difference") if len(surroundings) else "no difference",
+                surroundings,
+            ),
         ]
 
     def configuration(self) -> pd.DataFrame:
         """Return the keys that differ, of those that say what is computed."""
-        hidden = [] if self.everything else [*filter(is_incidental, self._keys(self.flat))]
-        return self._across("key", self.flat, hidden)
+        if self.everything:
+            return self._across("key", self.flat)
+        folded = _fold_sections(self.flat)
+        return self._across("key", folded, [*filter(is_incidental, self._keys(folded))])
 
     def surroundings(self) -> pd.DataFrame:
         """Return how code, libraries and machines differ."""
@@ -216,7 +223,7 @@ class Comparison:
             unit = next(str(each[name]["unit"]) for each in found if name in each)
             if len({repr(value) for value in values}) > 1 or self.everything:
                 columns[add_unit(name, unit)] = values
-            else:
+            elif all(name in each for each in found):
                 same.append(name)
         told = "" if columns else "none is declared, or none was kept"
         told = f"the same in all: {', '.join(same)}" if same else told
@@ -269,6 +276,26 @@ class Comparison:
             told = [f"{shorten(str(value), LONGEST_VALUE)} ({count})" for value, count in counts.items()]
             counted.append([key, join_some(told, 8)])
         return pd.DataFrame(counted, columns=[head, "value (runs)"])
+
+
+def _fold_sections(flat: Sequence[Mapping[str, str]], depth: int = 2) -> list[dict[str, str]]:
+    """Return configurations in which what only some runs have, down to a depth, is one key, which says what it has."""
+    folded = [dict(each) for each in (flat if depth == 1 else _fold_sections(flat, depth - 1))]
+    found = [Counter(_begin(key, depth) for key in each if key.count(".") >= depth) for each in folded]
+    partly = {name for each in found for name in each if not all(name in others for others in found)}
+    for each, counts in zip(folded, found, strict=True):
+        for key in [key for key in each if _begin(key, depth) in partly and key.count(".") >= depth]:
+            del each[key]
+        own = {name: count for name, count in counts.items() if name in partly}
+        if depth == 1 and own:
+            each["sections"] = ", ".join(f"{name} ({count})" for name, count in own.items())
+        elif depth > 1:
+            each.update({f"{name}.*": format_count(count, "key") for name, count in own.items()})
+    return folded
+
+
+def _begin(key: str, depth: int) -> str:
+    return ".".join(key.split(".")[:depth])
 
 
 def _choose_runs(outputs: str, names: Sequence[str]) -> tuple[Ledger, ...]:
