@@ -183,13 +183,13 @@ def _show_finding(ledger: Ledger, headline: Sequence[Table], pictures: Sequence[
     """Return what was found, the picture that shows it, what to do next, and what to bear in mind."""
     found = {role: _list_sentences(ledger, headline, role) for role in TITLES}
     told: list[Block] = [("finding", found["finding"])] if found["finding"] else []
+    shown: list[Block] = [("pictures", pictures)] if pictures else []
     if found["advice"]:
-        told += [("heading", TITLES["advice"]), ("prose", found["advice"])]
+        shown += [("heading", TITLES["advice"]), ("prose", found["advice"])]
     if found["remark"]:
         title = f"{TITLES['remark']} ({len(found['remark'])})"
-        told.append(make_details(title, [("prose", found["remark"])]))
-    shown: list[Block] = [("pictures", pictures)] if pictures else []
-    return [("beside", (told, shown))] if told and shown else told + shown
+        shown.append(make_details(title, [("prose", found["remark"])]))
+    return [("beside", (told, shown))] if told and pictures else told + shown
 
 
 def _show_headline(ledger: Ledger, table: Table) -> list[Block]:

@@ -296,11 +296,12 @@ def describe_rungs(summary: pd.DataFrame, tests: Sequence[str]) -> list[str]:
         f"search by {rates[NOMINAL]}."
     ]
     where = [f"{100 * row[GREY_BOX]:.2g} % on {WORDS[row['tested_on']]}" for row in others]
-    covered = ", ".join(
-        f"{100 * row['grey_box_covered']:.0f} % on {WORDS[row['tested_on']]}" for row in (first, *others)
-    )
+    held = [f"{100 * row['grey_box_covered']:.0f} %" for row in (first, *others)]
+    held[0] += " of the measured forces"
+    places = [WORDS[row["tested_on"]] for row in (first, *others)]
+    covered = ", ".join(f"{share} on {place}" for share, place in zip(held, places, strict=True))
     told += [f"They err by {' and by '.join(where)}."] if where else []
-    return [*told, f"Their 95 % intervals hold {covered} of the measured forces."]
+    return [*told, f"Their 95 % intervals hold {covered}."]
 
 
 def amend_by_steps(

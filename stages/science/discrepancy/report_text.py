@@ -97,10 +97,12 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
         "above the noise; that has no name in the library."
     )
     them = "it" if len(effects) == 1 else "them"
+    doubt_of_gap = f"interval {_percent(gap['low'])} to {_percent(gap['high'])}, p = {gap['p_value']:.2g}"
+    if len(verdict["verification_trials"]) == 1:
+        doubt_of_gap = "one trial gives neither interval nor p-value"
     closing = (
         f"With {them} the gap on {_count(verdict)} not fitted goes from "
-        f"{_percent(gap['before'])} to {_percent(gap['after'])} of range (interval {_percent(gap['low'])} to "
-        f"{_percent(gap['high'])}, p = {gap['p_value']:.2g})"
+        f"{_percent(gap['before'])} to {_percent(gap['after'])} of range ({doubt_of_gap})"
     )
     if all(each["name"] == QUANTISATION for each in effects):
         closing = (
