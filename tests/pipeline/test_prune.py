@@ -281,8 +281,10 @@ def test_bad_input_is_refused(toy, arguments, told):
     result = toy.review(*arguments)
     assert result.returncode == 2
     assert told in result.stderr.splitlines()[-1]
-    assert "0 folders removed" in prune(toy, 1)
+    assert "no outputs folder" in toy.review("prune", "--keep", "1").stderr
     assert not toy.outputs.exists()
+    toy.outputs.mkdir()
+    assert "0 folders removed" in prune(toy, 1)
 
 
 def test_outputs_that_are_no_folder(toy):
