@@ -1,5 +1,6 @@
 """The command line as a person can type it again: arguments flow in, a line flows out."""
 
+import re
 import runpy
 import shlex
 import shutil
@@ -20,6 +21,13 @@ def run_review() -> None:
 def command_line(arguments: list[str]) -> str:
     """Return the command that starts a run with these arguments, with the Python that runs now."""
     return shlex.join([python_name(), "-m", "pipeline", *arguments])
+
+
+def override(key: str, value: str) -> str:
+    """Return ``key=value`` as it is typed, quoted for Hydra and the shell where the value needs it."""
+    plain = re.fullmatch(r"[\w./:+-]+", value)
+    quoted = "'{}'".format(value.replace("'", "\\'"))
+    return shlex.quote(f"{key}={value if plain else quoted}")
 
 
 def review_line(outputs: str, *arguments: str) -> str:

@@ -11,6 +11,7 @@ import os
 import platform
 import sys
 import time
+from contextlib import suppress
 from dataclasses import dataclass, field
 from datetime import UTC, datetime
 from pathlib import Path
@@ -146,12 +147,14 @@ class Ledger:
 
     @property
     def seconds(self) -> float:
-        """What the run took, all attempts together; of one that could not note its end, until its log's last line."""
+        """What the run took, all attempts together; of one that could not note its end, until its last file."""
         spent_s = float(self.facts.get("seconds") or 0.0)
-        try:
-            seen_s = 0.0 if self.facts["ended"] else (self.folder / "log.txt").stat().st_mtime
-        except OSError:
-            seen_s = 0.0
+        if self.facts["ended"]:
+            return spent_s
+        seen_s = 0.0
+        for each in self.folder.rglob("*"):
+            with suppress(OSError):
+                seen_s = max(seen_s, each.stat().st_mtime)
         return max(spent_s, round(seen_s - datetime.fromisoformat(self.facts["started"]).timestamp(), 3))
 
     @property

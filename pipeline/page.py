@@ -74,6 +74,7 @@ def _environment() -> jinja2.Environment:
     environment.filters |= {
         "shown": format_value,
         "split_command": split_command,
+        "unbroken": lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%"),
         "exact": lambda value: "" if value is None or value != value else repr(float(value)),
         "base64": _encode,
     }

@@ -13,6 +13,7 @@ from omegaconf import OmegaConf
 from rich.console import Console
 
 from pipeline.checkout import describe_commit
+from pipeline.command import override
 from pipeline.config import Study
 from pipeline.failures import describe_reason, read_traceback
 from pipeline.ledger import Ledger
@@ -133,7 +134,17 @@ def _shorten(table: Table, frame: pd.DataFrame) -> tuple[pd.DataFrame, str]:
 def _list_sentences(ledger: Ledger, headline: Sequence[Table], role: str) -> list[str]:
     """Return what tables of a role say, with the run's folder where they speak of it."""
     frames = [_read(ledger, each) for each in headline if each.role == role]
-    return [each.replace("FOLDER", str(ledger.folder)) for frame in frames for each in list_sentences(frame)]
+    return [_fill_folder(each, str(ledger.folder)) for frame in frames for each in list_sentences(frame)]
+
+
+def _fill_folder(sentence: str, folder: str) -> str:
+    """Return a sentence with a run's folder for FOLDER, in an override quoted where it needs be."""
+    filled = [
+        override(key, value.replace("FOLDER", folder)) if "FOLDER" in value else word.replace("FOLDER", folder)
+        for word in sentence.split(" ")
+        for key, _, value in [word.partition("=")]
+    ]
+    return " ".join(filled)
 
 
 def _order_pictures(ledger: Ledger, done: Sequence[Stage], headline: Sequence[Table]) -> list[Picture]:

@@ -59,8 +59,9 @@ def show(options: argparse.Namespace, console: Console) -> None:
 
 def _show_run(ledger: Ledger, outputs: str, console: Console) -> None:
     """Print how a run went and which tables it holds."""
-    say(f"{ledger.folder}  {live_status(ledger)}", console)
-    say(f"command: {ledger.facts['command']}", console)
+    live = live_status(ledger)
+    say(f"{ledger.folder}  {live}", console)
+    say(f"command{'' if live in ('done', 'running') else ', which goes on'}: {ledger.facts['command']}", console)
     error = ledger.facts["error"]
     if error:
         say(f"{error['stage']}: {error['message']}", console)
@@ -69,7 +70,8 @@ def _show_run(ledger: Ledger, outputs: str, console: Console) -> None:
         seconds = f"{record['seconds']:.1f} s" if "seconds" in record else "-"
         origin = "made here" if record["origin"] == ledger.name else f"made in {record['origin']}"
         tables = ", ".join(f"{table} ({facts['rows']})" for table, facts in record["tables"].items())
-        told = f"{record['status']}, {seconds}, {escape(origin)}"
+        status = live if record["status"] == "running" else record["status"]
+        told = f"{status}, {seconds}, {escape(origin)}"
         console.print(f"[bold]{name:<{width}}[/bold]  {told}", highlight=False)
         for text in (f"because: {escape(record['reason'])}", f"tables (rows): {tables or '-'}"):
             console.print(Padding(text, (0, 0, 0, width + 2)), highlight=False)

@@ -44,7 +44,7 @@ def draw_curves(curves: Curves) -> Picture:
         colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
         axes.fill_between(x, mean - half, mean + half, color=colour, alpha=0.16, lw=0)
         style = STYLES[(index // len(COLOURS)) % len(STYLES)]
-        label = _shorten_label(line.label, LONGEST_LINE_LABEL)
+        label = _shorten_label(_shorten_middle(line.label, LONGEST_LINE_LABEL), LONGEST_LINE_LABEL)
         every = max(1, len(x) // 15)
         axes.plot(x, mean, style, color=colour, marker=marker, ms=4.5, markevery=every, lw=1.6, label=label)
     axes.set(xlabel=curves.x, ylabel=curves.y)
@@ -175,6 +175,11 @@ def _make_picture(figure: Figure, caption: str) -> Picture:
     stream = io.BytesIO()
     figure.savefig(stream, format="png", dpi=RESOLUTION, pil_kwargs={"compress_level": 3})
     return Picture(stream.getvalue(), caption)
+
+
+def _shorten_middle(text: str, most: int) -> str:
+    """Return a text with its middle left out where it is long, as what tells lines apart often stands at its end."""
+    return text if len(text) <= most else f"{text[: most // 3]}...{text[-(most - most // 3 - 3) :]}"
 
 
 def _shorten_label(text: str, most: int) -> str:

@@ -106,21 +106,34 @@ class Sweep:
 
 
 def describe_extremes(sweep: Sweep) -> list[str]:
-    """Return in a sentence for each metric over which values of the first key it is least and most, and how sure."""
+    """Return in a sentence for each metric, the last first, with which values of a key it is least and most.
+
+    The key is the first that varies and is no seed. A one-way analysis of variance tells whether that may be chance.
+    """
+    from scipy.stats import f_oneway
+
     sentences = []
-    for metric in sweep.metrics if sweep.axes else []:
+    for metric in reversed(sweep.metrics) if sweep.axes else []:
         key = sweep.axes[0]
-        found = sweep.points(metric).groupby(key)["value"].agg(["mean", "std", "count"])
+        grouped = sweep.points(metric).groupby(key)["value"]
+        found = grouped.agg(["mean", "std", "count"])
         if len(found) < 2 or found["mean"].nunique() < 2:
             continue
+        doubt = "so few jobs tell nothing of chance"
+        if found["count"].min() > 1:
+            p = f_oneway(*(values.to_numpy() for _, values in grouped)).pvalue
+            doubt = f"told apart, p = {p:.2g}" if p < 0.05 else f"not told apart, p = {p:.2g}"
         found["half"] = half_width(found["std"], found["count"])
         told = []
         for value, row in found.loc[[found["mean"].idxmin(), found["mean"].idxmax()]].iterrows():
             half = "" if np.isnan(row["half"]) else f" ± {row['half']:.2g}"
             told.append(f"{format_value(row['mean'])}{half} with {key}={value}")
-        sentences.append(f"{sweep.head(metric)} is least, {told[0]}, and most, {told[1]}.")
+        sentences.append(f"{sweep.head(metric)} is least, {told[0]}, and most, {told[1]}: {doubt}.")
     if sentences:
-        sentences.append("Means over jobs, with half of the mean's 95 % interval (t) where jobs repeat.")
+        sentences.append(
+            "Means over jobs, with half of the mean's 95 % interval (t) where jobs repeat; p of a one-way analysis of "
+            "variance."
+        )
     return sentences
 
 

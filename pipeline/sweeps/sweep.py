@@ -28,7 +28,7 @@ from hydra.experimental.callback import Callback
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 
-from pipeline.command import command_line
+from pipeline.command import command_line, review_line
 from pipeline.config import Settings, read_settings
 from pipeline.errors import ConfigError
 from pipeline.failures import list_reasons
@@ -260,6 +260,7 @@ def _print_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
     try:
         path = write_frame(launch.sweep, *collect_sweep(launch.sweep))
         say(f"{', '.join(f'{count} {state}' for state, count in counts.items())}: {path}")
+        say(f"page: {review_line(str(launch.sweep.parent.parent), 'sweep', launch.sweep.name)}")
     except OSError as error:
         where = error.filename or launch.sweep
         complain(f"cannot write {where}: {error.strerror}; the jobs' own folders are as they are")

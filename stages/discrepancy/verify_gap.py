@@ -229,7 +229,7 @@ def verify_gap(
         *describe_forgotten(dataset.outputs[0], dataset.plant, report.most_forgotten),
         *describe_high_floor(channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf),
     ]
-    command = describe_command(tables.measured_session.iloc[0], cfg.exoskeleton.load_cell_site)
+    command = describe_command(status, tables.measured_session.iloc[0], cfg.exoskeleton.load_cell_site)
     return {
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions,
@@ -271,9 +271,10 @@ def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -
     }
 
 
-def describe_command(session: pd.Series, simulated_at: str) -> str:
+def describe_command(status: str, session: pd.Series, simulated_at: str) -> str:
     """Return how to simulate with the amended plant."""
-    told = "Simulate with the amended plant, FOLDER/documents/amended.yaml: "
+    which = "amended plant" if status == "named" else "plant with its fitted constants and learned maps, if any"
+    told = f"Simulate with the {which}: "
     if session["kind"] == "records":
         return f"{told}add plant=FOLDER/documents/amended.yaml to the command of this run."
     site = str(session["load_cell_site"])

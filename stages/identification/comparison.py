@@ -355,8 +355,8 @@ def _compare_with(row: Mapping[Any, Any], reached: pd.Index, trials: int) -> str
     text = f"With trajectories chosen {choose_by(row['control'])} they end at {_percent(row['control_mean'])}"
     if row["verdict"] == "control better":
         return f"{text}, which is better {by}."
-    when = f", and reaches that at trial {int(reached[0])} of {trials}" if len(reached) else ""
-    return f"{text}: the design is better {by}{when}."
+    when = f", and is as good as they end after trial {int(reached[0])} of {trials}" if len(reached) else ""
+    return f"{text}: the design ({spell_arm(row['design'])}) is better {by}{when}."
 
 
 def advise(compared: pd.DataFrame, tested_on: str, arms: Sequence[str]) -> list[str]:
@@ -373,12 +373,12 @@ def advise(compared: pd.DataFrame, tested_on: str, arms: Sequence[str]) -> list[
         told.append(f"Choose by {spell_arm(best)}: python -m pipeline active_loop.utility={best}")
     elif undecided:
         told.append(
-            f"Whether {spell_arm(arms[0])} or {' or '.join(undecided) if len(undecided) < 3 else 'another choice'} is "
-            "better, more experiments tell: "
+            f"More experiments show whether {spell_arm(arms[0])} or "
+            f"{' or '.join(undecided) if len(undecided) < 3 else 'another choice'} is better: "
             "add subsampling.experiments=20 to the command of this run."
         )
     told.append(
-        "See which physical effect a textbook simulation lacks of such trials, and models that use it: "
+        "Find which physical effect a textbook simulation of such trials lacks, and models that use it (some minutes): "
         "python -m pipeline experiment=naming"
     )
     return told

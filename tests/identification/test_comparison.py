@@ -40,7 +40,7 @@ def test_the_curve_is_averaged_over_designed_trials(generator):
         (
             {"y_y": 0.03, "variance": 0.04, "random": 0.04},
             "design better",
-            "With trajectories chosen at random they end at 4 %: the design is better by 1 points (95 % interval",
+            "With trajectories chosen at random they end at 4 %: the design (y/y) is better by 1 points (95 % interval",
             [],
         ),
         (
@@ -53,7 +53,7 @@ def test_the_curve_is_averaged_over_designed_trials(generator):
             {"y_y": 0.04, "variance": 0.04, "random": 0.04},
             "undecided",
             "Not told apart from trajectories chosen by variance (",
-            ["Whether y/y or variance or random is better, more experiments tell"],
+            ["More experiments show whether y/y or variance or random is better"],
         ),
     ],
 )

@@ -181,7 +181,7 @@ def test_one_command_designs_names_and_models_what_is_left(pamid):
     result = pamid(*NAMING, "budget=tiny")
     assert result.returncode == 0, result.stderr
     (run,) = pamid.runs
-    for told in ("Error rate of each rung", "What was found", "What to record next"):
+    for told in ("Error rate of each rung", "What was found", "What to do next"):
         assert told in result.stdout
     assert (run / "figures/grey_box.png").is_file()
     summary = pd.read_parquet(run / "tables/grey_box_summary.parquet").query("muscle == 'mean'")

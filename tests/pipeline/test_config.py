@@ -3,13 +3,16 @@
 import hashlib
 import json
 import os
+import shlex
 import subprocess
 import sys
 
 import pandas as pd
 import pytest
+from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 
+from pipeline.command import override
 from pipeline.errors import InputError
 from pipeline.inputs import read_json
 from tests.conftest import ROOT, Command
@@ -228,3 +231,10 @@ def test_refuses_what_is_no_json_with_its_line(tmp_path):
     (tmp_path / "x.json").write_text('{\n"a": 1,\n')
     with pytest.raises(InputError, match=r"x\.json: expected JSON, got .* in line"):
         read_json(tmp_path / "x.json")
+
+
+@pytest.mark.parametrize("path", ["/a/b-1.yaml", '/a b/it\'s "so" <x> $HOME/c.yaml', "a=b,c[0]{}"])
+def test_an_override_is_read_as_it_was_typed(path):
+    (typed,) = shlex.split(override("plant", path))
+    (read,) = OverridesParser.create().parse_overrides([typed])
+    assert (read.key_or_group, read.value()) == ("plant", path)

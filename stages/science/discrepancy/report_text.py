@@ -83,7 +83,7 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
     family = FAMILIES.get(left["family"], "a flexible model")
     told = [_describe_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
     channels = [each["channel"] for each in effects]
-    if max(channels.count(each) for each in channels) >= settings.search.most_effects:
+    if len(effects) > 1 and max(channels.count(each) for each in channels) >= settings.search.most_effects:
         doubt = "So many names in one channel may stand in for one effect that the library does not hold."
     else:
         doubt = "The noise floor is so far above the sensor's noise that it may hide what is there"
@@ -275,7 +275,7 @@ def describe_few_trials(fitted: int, test: int, least: int) -> list[str]:
     """Return that fewer than the least number of fitted trials say little, if they are."""
     text = (
         f"This rests on {fitted} fitted trials and {test} opened at the end: intervals and probabilities say less "
-        f"than they seem to; record {least} and more."
+        f"than they seem to; record at least {least}."
     )
     return [text] if fitted < least else []
 
@@ -496,7 +496,7 @@ def describe_sizes(effect: Mapping[str, Any]) -> str:
     step, name = effect["step"], _spell(effect["name"])
     return (
         f"{name[:1].upper()}{name[1:]}: {sizes}. With it the gap goes from {_percent(step['before'])} to "
-        f"{_percent(step['after'])} of range (p = {step['p_value']:.2g})."
+        f"{_percent(step['after'])} of range (one-sided p = {step['p_value']:.2g})."
     )
 
 

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from itertools import cycle
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -51,8 +52,9 @@ def draw_learning_curves(
     from matplotlib.ticker import MaxNLocator
 
     names = {AVERAGE: "average of the muscles", **(titles or {})}
-    spare = [each for each in COLOURS if each not in [ARMS.get(line) for line in lines]]
-    colours = {line: ARMS.get(line) or spare.pop(0) for line in lines[: len(COLOURS)]}
+    taken = {ARMS.get(line) for line in lines}
+    spare = cycle([each for each in COLOURS if each not in taken])
+    colours = {line: ARMS.get(line) or next(spare) for line in lines}
     figure, axes = begin_panels(len(panels), 4.2 if len(panels) < 3 else 3.4, 3.1)
     for axis, muscle in zip(axes, panels, strict=False):
         panel = summary[(summary["muscle"] == muscle) & summary[by].isin(lines)]
@@ -60,7 +62,7 @@ def draw_learning_curves(
             its = panel[panel[by] == line]
             trial = its["trial"] + apart * (position - (len(lines) - 1) / 2)
             spread = 100 * its["error_rate_sd"].fillna(0.0) if len(lines) <= MOST_BARS or position == 0 else None
-            colour, marker = colours.get(line, COLOURS[position % len(COLOURS)]), MARKERS[position % len(MARKERS)]
+            colour, marker = colours[line], MARKERS[position % len(MARKERS)]
             bars: dict[str, Any] = {"markersize": 3.5, "linewidth": 1.4, "elinewidth": 0.8, "capsize": 2, "label": line}
             bars |= {"color": colour, "marker": marker, "linestyle": styles[position % len(styles)]}
             axis.errorbar(trial, 100 * its["error_rate_mean"], spread, **bars)
