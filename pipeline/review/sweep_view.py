@@ -129,6 +129,8 @@ def describe_extremes(sweep: Sweep) -> list[str]:
             half = "" if np.isnan(row["half"]) else f" ± {row['half']:.2g}"
             told.append(f"{format_value(row['mean'])}{half} with {key}={value}")
         sentences.append(f"{sweep.head(metric)} is least, {told[0]}, and most, {told[1]}: {doubt}.")
+    if any("not told apart" in each or "so few" in each for each in sentences):
+        sentences.append("More seeds tell more: the same command with further values of seed adds jobs to this sweep.")
     if sentences:
         sentences.append(
             "Means over jobs, with half of the mean's 95 % interval (t) where jobs repeat; p of a one-way analysis of "

@@ -7,8 +7,10 @@ from urllib.parse import unquote
 
 import pandas as pd
 import pytest
+from scipy.stats import ttest_ind
 
 from pipeline.files import TEMPORARY_SUFFIX
+from pipeline.review.sweep_view import Sweep, describe_extremes
 from tests.conftest import Command
 from tests.faults import ledger_of
 from tests.pipeline.conftest import ALONE, CONFIG
@@ -268,3 +270,15 @@ def test_tables_of_sentences_and_without_common_rows_are_compared_too(copied, fr
     for run, values in zip(copied.runs, frames, strict=True):
         pd.DataFrame(values).to_parquet(run / "tables" / "tried.parquet")
     assert told in " ".join(shown(copied, "compare", *(run.name for run in copied.runs)).split())
+
+
+@pytest.mark.parametrize(("shift", "told"), [(0.0, "not told apart, p = "), (5.0, ": told apart, p = ")])
+def test_values_of_a_key_are_told_apart_or_not(shift, told, tmp_path):
+    score = [1.0, 1.2, 0.8, 1.1, *(shift + each for each in (0.9, 1.3, 1.0, 1.2))]
+    jobs = {"job": list("abcdefgh"), "gain": [1] * 4 + [2] * 4, "seed": [0, 1, 2, 3] * 2, "status": "done"}
+    frame = pd.DataFrame({**jobs, "score": score, "wall_s": 1.0})
+    sentences = describe_extremes(Sweep(tmp_path, frame, {}))
+    assert sentences[0].startswith("score is least, 1.025 ± 0.27 with gain=1")
+    assert told in sentences[0]
+    assert f"p = {ttest_ind(score[:4], score[4:]).pvalue:.2g}" in sentences[0]
+    assert any("More seeds" in each for each in sentences) == (not shift)

@@ -391,7 +391,7 @@ def join_names(names: Sequence[str]) -> str:
 def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None, least_gain: float) -> str:
     """Return which trial to record next, or why none is proposed; rivals have their present probabilities."""
     if len(rivals) < 2:
-        return "No further trial is proposed, as no two names are likely enough to be told apart."
+        return "No further trial is proposed: there are no two likely names to tell apart."
     told = join_names(list(rivals))
     if weighed is None:
         return (

@@ -235,7 +235,7 @@ def test_a_trial_that_hardly_raises_the_probability_of_the_true_name_is_not_prop
     assert refused.startswith(
         f"No further trial is proposed: the best of these kinds ({weighed.spell(weighed.order[0])})"
     )
-    assert describe_proposal({"kink": 1.0}, None, 0.0).startswith("No further trial is proposed, as no two names")
+    assert describe_proposal({"kink": 1.0}, None, 0.0).startswith("No further trial is proposed: there are no two")
 
 
 def test_proposed_trials_are_fitted_and_others_opened():
