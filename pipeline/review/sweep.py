@@ -85,6 +85,7 @@ def _write_page(sweep: Sweep) -> None:
     ledgers = {job: found for job in sweep.frame["job"] if (found := Ledger.look(sweep.folder / job))}
     done = [found for job, found in ledgers.items() if job not in sweep.unfinished]
     commands = [str(each.get("command", "-")) for each in list_launches(sweep.folder)][-MOST_COMMANDS:]
+    shown: list[Block] = [("command", each) for each in commands]
     write_page(
         sweep.folder / FILE_NAME,
         title=f"sweep {sweep.folder.name}",
@@ -93,7 +94,7 @@ def _write_page(sweep: Sweep) -> None:
         status=f"{len(sweep.unfinished)} not done" if sweep.unfinished else "done",
         opening=[],
         sections=[
-            Section("Found", [("finding", told)] if (told := describe_extremes(sweep)) else []),
+            Section("Found", [("finding", told), *shown[-1:]] if (told := describe_extremes(sweep)) else []),
             Section("Failures", _show_failures(sweep, ledgers)),
             Section("Metrics", _show_metrics(sweep)),
             Section("Jobs", _show_jobs(sweep)),
@@ -101,7 +102,7 @@ def _write_page(sweep: Sweep) -> None:
             Section(
                 "How it was made",
                 [
-                    *(("command", each) for each in commands),
+                    *shown,
                     ("facts", _list_facts([*ledgers.values()])),
                     *_show_plan(sweep),
                     make_details("differences", _show_differences(sweep, done or [*ledgers.values()])),
