@@ -125,7 +125,7 @@ def draw_reliability(reliability: pd.DataFrame, panels: Sequence[str]) -> Figure
         axis.set_xticks(trials)
         axis.tick_params(labelbottom=True, labelleft=True)
         axis.grid(alpha=0.25)
-    for axis in axes[::3]:
+    for axis in axes[:: axes[0].get_gridspec().ncols]:
         axis.set_ylabel("forces within\n95 % intervals (%)")
     finish_panels(figure, axes, len(panels))
     return figure

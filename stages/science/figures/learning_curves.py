@@ -130,7 +130,8 @@ def finish_panels(figure: Figure, axes: Any, count: int, title: str | None = Non
     """Label the lowest panels' abscissa and put one legend above all panels."""
     for axis in axes[count:]:
         axis.axis("off")
-    for axis in axes[max(0, count - 3) : count]:
+    abreast = axes[0].get_gridspec().ncols
+    for axis in axes[max(0, count - abreast) : count]:
         axis.set_xlabel("trial")
     handles, labels = axes[0].get_legend_handles_labels()
     names = [spell_arm(each) for each in labels]
