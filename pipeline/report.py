@@ -38,14 +38,12 @@ from pipeline.printing import (
     print_sentences,
 )
 from pipeline.stage import Stage
-from pipeline.table import Table, read_frame
+from pipeline.table import TITLES, Table, read_frame
 
 log = logging.getLogger("pamid")
 
 PAGE_NAME = "report.html"
 ROWS_OF_A_LONG_TABLE = 6
-TITLES = {"remark": "What to bear in mind", "finding": "What was found", "advice": "What to do next"}
-"""Of what tables of sentences say, by their role, in the order in which a terminal shows it."""
 
 
 def write_report(ledger: Ledger, study: Study, stages: Sequence[Stage], status: str | None = None) -> Path:

@@ -154,6 +154,15 @@ class Table:
         return [(name, str((each.metadata or {}).get("unit", "1")), each.description or "") for name, each in columns]
 
 
+TITLES = {"remark": "What to bear in mind", "finding": "What was found", "advice": "What to do next"}
+"""Of what tables of sentences say, by their role, in the order in which a terminal shows it."""
+
+
+def sentences(name: str, role: Literal["finding", "advice", "remark"]) -> Table:
+    """Declare a table of sentences."""
+    return Table(name, TITLES[role], {"sentence": column(str, "in words")}, role=role)
+
+
 def read_frame(path: Path, sealed: bool = False) -> pd.DataFrame:
     """Read a Parquet file that may have no contract here, or is refused with a TableError.
 

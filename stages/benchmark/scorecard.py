@@ -17,7 +17,7 @@ from pydantic import Field, model_validator
 from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
-from pipeline.table import Table, column
+from pipeline.table import Table, column, sentences
 from stages.science.figures.scores import draw_confusion, draw_rates, draw_reliability_of_names
 from stages.science.scorecard.scoring import Rules, list_said, score
 from stages.science.statistics.intervals import bound_median, bound_rate
@@ -78,9 +78,7 @@ SCORECARD = Table(
     key=("measure", "magnitude"),
     brief=("measure", "magnitude", "n", "value", "target", "met"),
 )
-SCORECARD_FINDINGS = Table(
-    "scorecard_findings", "What was found", {"sentence": column(str, "in words")}, role="finding"
-)
+SCORECARD_FINDINGS = sentences("scorecard_findings", "finding")
 NAMED_FIRST = "named first, or its class"
 SCORECARD_CELLS = Table(
     "scorecard_cells",

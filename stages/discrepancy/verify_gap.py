@@ -15,7 +15,7 @@ import pandas as pd
 from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
-from pipeline.table import Table, column
+from pipeline.table import Table, column, sentences
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.patch import read_patches
@@ -124,10 +124,9 @@ POOLING = (
 )
 MOST_SHOWN = 4
 """Muscles whose trials are drawn."""
-SENTENCE = {"sentence": column(str, "in words")}
-FINDINGS = Table("findings", "What was found", SENTENCE, role="finding")
-REMARKS = Table("remarks", "What to bear in mind", SENTENCE, role="remark")
-NEXT_STEPS = Table("next_steps", "What to do next", SENTENCE, role="advice")
+FINDINGS = sentences("findings", "finding")
+REMARKS = sentences("remarks", "remark")
+NEXT_STEPS = sentences("next_steps", "advice")
 
 
 class Config(Section):

@@ -16,7 +16,7 @@ from pydantic import Field, PositiveInt
 from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
-from pipeline.table import Table, column
+from pipeline.table import Table, column, sentences
 from stages.science.figures.canvas import spell_arm
 from stages.science.figures.learning_curves import MOST_BARS, draw_learning_curves
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, ENDED, average_muscles, carry_forward
@@ -127,9 +127,8 @@ PAIRED_COMPARISON = Table(
     brief=("tested_on", "control", "difference", "p_holm", "verdict"),
     main=("measure", "final"),
 )
-SENTENCE = {"sentence": column(str, "in words")}
-LEARNING_FINDINGS = Table("learning_findings", "What was found", SENTENCE, role="finding")
-ADVICE = Table("advice", "What to do next", SENTENCE, role="advice")
+LEARNING_FINDINGS = sentences("learning_findings", "finding")
+ADVICE = sentences("advice", "advice")
 
 
 class Comparison(Section):

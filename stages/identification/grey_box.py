@@ -20,7 +20,7 @@ from scipy.special import ndtri
 from pipeline.config import Section, View
 from pipeline.context import Context
 from pipeline.stage import stage
-from pipeline.table import Table, column
+from pipeline.table import Table, column, sentences
 from stages.science.discrepancy.amendment import amend_plant
 from stages.science.discrepancy.patch import read_patches
 from stages.science.figures.grey_box import draw_rungs
@@ -135,7 +135,7 @@ GREY_BOX_MODELS = Table(
     },
     key=(*EXPERIMENT, "muscle", "hyperparameter"),
 )
-GREY_BOX_FINDINGS = Table("grey_box_findings", "What was found", {"sentence": column(str, "in words")}, role="finding")
+GREY_BOX_FINDINGS = sentences("grey_box_findings", "finding")
 ERROR_BY_STEP = Table(
     "error_by_step",
     "What each step of the workflow leaves: error rate (RMSE / largest test force)",

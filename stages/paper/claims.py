@@ -20,7 +20,7 @@ import pandas as pd
 from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
-from pipeline.table import Table, column
+from pipeline.table import Table, column, sentences
 from stages.science.muscle_models.error_rates import ALL_MUSCLES
 from stages.science.statistics.paired import compare_pairs
 from stages.science.statistics.verdicts import LEVEL
@@ -49,7 +49,7 @@ CLAIMS = Table(
     brief=("claim", "setting", "tested_on", "estimate", "p", "verdict"),
 )
 
-CLAIM_FINDINGS = Table("claim_findings", "What was found", {"sentence": column(str, "in words")}, role="finding")
+CLAIM_FINDINGS = sentences("claim_findings", "finding")
 
 PAPER = {
     "error_falls": "the models' error falls over the trials with a person moving (5.1, Fig. 6)",
