@@ -63,9 +63,10 @@ class Target(BaseModel):
 class Metric(Section):
     """A number that tells a run at a glance, and runs of a sweep from each other: a column of the rows that are meant.
 
-    `where` has values that columns must have, `but` values that they must not have.
+    `where` has values that columns must have, `but` values that they must not have. The `title` is what pages call it.
     """
 
+    title: str = ""
     table: Text
     column: Text
     where: dict[str, Any]
@@ -76,9 +77,10 @@ class Metric(Section):
 class Curve(Section):
     """A quantity over another, which runs are compared in: a line for each value of `by`, a band over `repeats`.
 
-    Rows that differ in other columns alone are averaged first.
+    Rows that differ in other columns alone are averaged first. The `title` is what pages call the quantity.
     """
 
+    title: str = ""
     table: Text
     x: Text
     y: Text

@@ -2,7 +2,7 @@
 
 import re
 import textwrap
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import pandas as pd
@@ -13,6 +13,8 @@ from rich.text import Text
 ROWS_SHOWN_WHOLE = 60
 LEAST_TEXT = 14
 """Characters of a column of text up to which it is narrowed before others are left out."""
+SHOWN = "shown in"
+"""Of a column's metadata in a file: the unit in which it is to be read, where it is not the one in which it is kept."""
 COMMAND = re.compile(r"\bpython -m pipeline\b.*")
 
 
@@ -110,6 +112,19 @@ def format_value(value: Any) -> str:
     if isinstance(value, float):
         return f"{value:.4g}"
     return str(value)
+
+
+def show_percent(frame: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:
+    """Return a frame as it is to be read: ratios whose unit is said to be % in per cent."""
+    parts = [name for name, unit in units.items() if unit == "%" and name in frame.columns]
+    return frame.assign(**{name: 100.0 * pd.to_numeric(frame[name], errors="coerce") for name in parts})
+
+
+def show_metric(name: str, metric: Mapping[str, Any]) -> tuple[str, Any]:
+    """Return the heading of a metric, as ledgers have it, with its unit, and its value in this unit."""
+    parts = bool(metric.get("percent")) and isinstance(metric["value"], float)
+    value = 100.0 * metric["value"] if parts else metric["value"]
+    return add_unit(metric.get("title") or name, "%" if parts else str(metric["unit"])), value
 
 
 def add_unit(name: str, unit: str) -> str:

@@ -5,6 +5,7 @@ A run's ledger, tables and figures flow in; one self-contained page flows out, w
 
 import logging
 from collections.abc import Sequence
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -36,6 +37,7 @@ from pipeline.printing import (
     join_some,
     print_frame,
     print_sentences,
+    show_metric,
 )
 from pipeline.stage import Stage
 from pipeline.table import TITLES, Table, read_frame
@@ -174,7 +176,7 @@ def _list_facts(ledger: Ledger) -> list[tuple[str, str]]:
         ("Started", ledger.facts["started"]),
         ("Machine", f"{machine['system']}, {machine['cores']} cores, Python {machine['python']}"),
         *([("Code", describe_commit(git))] if git else []),
-        *((add_unit(name, each["unit"]), format_value(each["value"])) for name, each in metrics.items()),
+        *((head, format_value(value)) for head, value in starmap(show_metric, metrics.items())),
     ]
 
 

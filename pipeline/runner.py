@@ -413,7 +413,7 @@ def run_study(
 
 
 def _read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[str, dict[str, Any]]:
-    """Return ``value``, None without one, and ``unit`` of each metric of the workflow whose table the run has."""
+    """Return ``value`` (None without one), ``title``, ``unit``, ``percent`` of each metric whose table the run has."""
     contracts = {table.name: table for each in stages if ledger.finished(each.name) for table in each.writes}
     found = {}
     for name, metric in study.settings.workflow.metrics.items():
@@ -423,9 +423,12 @@ def _read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict
         for wanted, rules in ((True, metric.where), (False, metric.but)):
             for column, value in rules.items():
                 frame = frame[frame[column].isin(value if isinstance(value, list) else [value]) == wanted]
+        declared = contracts[metric.table].columns[metric.column].metadata
+        said = {"title": metric.title, "percent": declared["percent"]}
         found[name] = {
             "value": _reduce(frame[metric.column].dropna(), metric.by),
-            "unit": contracts[metric.table].columns[metric.column].metadata["unit"],
+            "unit": declared["unit"],
+            **{key: value for key, value in said.items() if value},
         }
     return found
 

@@ -19,6 +19,7 @@ import pyarrow.parquet
 
 from pipeline.errors import TableError
 from pipeline.files import hash_file, write_atomically
+from pipeline.printing import SHOWN, show_percent
 
 TEXT = pd.Series(["a"]).dtype
 """What pandas takes for text."""
@@ -132,6 +133,9 @@ class Table:
         checked = self.check(frame, "on write")
         arrow = pyarrow.Table.from_pandas(checked, preserve_index=False)
         described = {name: {"unit": unit, "description": told} for name, unit, told in self.describe()}
+        for name in described:
+            if (self.columns[name].metadata or {}).get("percent"):
+                described[name][SHOWN] = "%"
         fields = [field.with_metadata(described[field.name]) for field in arrow.schema]
         metadata = {**(arrow.schema.metadata or {}), b"title": self.title.encode()}
         content = _seal(arrow.cast(pyarrow.schema(fields, metadata=metadata)))
@@ -144,9 +148,8 @@ class Table:
     def show(self, frame: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
         """Return a frame as it is to be read, ratios that are so declared in per cent, and the units of its columns."""
         shown = {name: each.metadata or {} for name, each in self.columns.items() if name in frame.columns}
-        parts = [name for name, each in shown.items() if each.get("percent")]
-        units = {name: str(each.get("unit", "1")) for name, each in shown.items()}
-        return frame.assign(**{name: 100.0 * frame[name] for name in parts}), units | dict.fromkeys(parts, "%")
+        units = {name: "%" if each.get("percent") else str(each.get("unit", "1")) for name, each in shown.items()}
+        return show_percent(frame, units), units
 
     def describe(self) -> list[tuple[str, str, str]]:
         """Return name, unit and description of each column."""

@@ -27,6 +27,7 @@ from pipeline.printing import (
     join_some,
     print_frame,
     shorten,
+    show_metric,
 )
 from pipeline.review.curves import Curves, is_incidental, make_curves
 from pipeline.review.kept import (
@@ -219,10 +220,9 @@ class Comparison:
         columns: dict[str, list[Any]] = {}
         same = []
         for name in dict.fromkeys(name for each in found for name in each):
-            values = [each.get(name, {}).get("value") for each in found]
-            unit = next(str(each[name]["unit"]) for each in found if name in each)
-            if len({repr(value) for value in values}) > 1 or self.everything:
-                columns[add_unit(name, unit)] = values
+            shown = [show_metric(name, each[name]) if name in each else ("", None) for each in found]
+            if len({repr(value) for _, value in shown}) > 1 or self.everything:
+                columns[next(head for head, _ in shown if head)] = [value for _, value in shown]
             elif all(name in each for each in found):
                 same.append(name)
         told = "" if columns else "none is declared, or none was kept"

@@ -150,8 +150,8 @@ def _make(
     told += f"Lines are means, bands 95 % intervals of the mean (t) over {repeats}; a line without band has n = 1"
     if twins:
         told += f"; counted once, as its table is that of another run to the byte: {', '.join(twins)}"
-    x, y = (add_unit(each, units.get(each, "1")) for each in (curve.x, curve.y))
-    return Curves(name, x, y, lines, told)
+    x = add_unit(curve.x, units.get(curve.x, "1"))
+    return Curves(name, x, add_unit(curve.title or curve.y, units.get(curve.y, "1")), lines, told)
 
 
 def _average(frame: pd.DataFrame, curve: Curve) -> pd.DataFrame:

@@ -59,7 +59,7 @@ def draw_metrics(sweep: Sweep) -> Iterator[tuple[str, list[Picture], str]]:
     """Yield each metric's heading, its pictures, and why it has none, or not all."""
     left, drawn = sweep.axes[MOST_AXES:], 0
     for metric in sweep.metrics:
-        points, head = sweep.points(metric), sweep.head(metric)
+        points, head = sweep.points(metric), sweep.title(metric)
         if len(points) < 2:
             yield head, [], f"{len(points) or 'no'} job that is done has it as a number: nothing to draw"
         elif not sweep.varying:

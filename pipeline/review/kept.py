@@ -8,6 +8,7 @@ import pandas as pd
 
 from pipeline.errors import TableError
 from pipeline.ledger import Ledger
+from pipeline.printing import SHOWN, show_percent
 from pipeline.renames import rename
 
 
@@ -53,7 +54,7 @@ def list_tables(ledger: Ledger) -> dict[str, dict[str, Any]]:
 
 
 def read_whole_table(ledger: Ledger, name: str) -> tuple[pd.DataFrame, dict[str, str], str] | None:
-    """Return a table of a run, the units of its columns and its title; None where it cannot be read."""
+    """Return a table of a run as it is to be read, the units of its columns, its title; None if it cannot be read."""
     import pyarrow.parquet
 
     from pipeline.table import read_frame
@@ -64,11 +65,13 @@ def read_whole_table(ledger: Ledger, name: str) -> tuple[pd.DataFrame, dict[str,
         schema = pyarrow.parquet.read_schema(path)
     except (TableError, OSError, ValueError):
         return None
+    told = {field.name: field.metadata for field in schema if field.metadata}
     units = {
-        field.name: field.metadata.get(b"unit", b"1").decode(errors="replace") for field in schema if field.metadata
+        name: (each.get(SHOWN.encode()) or each.get(b"unit", b"1")).decode(errors="replace")
+        for name, each in told.items()
     }
     title = (schema.metadata or {}).get(b"title", name.encode()).decode(errors="replace")
-    return frame, units, title
+    return show_percent(frame, units), units, title
 
 
 def read_surroundings(ledger: Ledger) -> dict[str, dict[str, str]]:

@@ -13,7 +13,7 @@ from pipeline.command import command_line, review_line
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import flatten
 from pipeline.ledger import Ledger
-from pipeline.printing import format_count, print_frame
+from pipeline.printing import add_unit, format_count, print_frame, show_percent
 from pipeline.review.kept import read_slices
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
 from pipeline.runs import describe_status, list_folders, live_status, runs_folder, sweeps_folder
@@ -35,13 +35,16 @@ def review(options: argparse.Namespace, console: Console) -> None:
     keys = [each.key for each in conditions] + ([options.sort.removeprefix("-")] if options.sort else [])
     frame = _list_everything(options.outputs, options.jobs, list(dict.fromkeys(keys)))
     frame = sort_rows(keep_rows(frame, conditions), options.sort)
-    print_frame(f"Runs in {folder.parent}", frame, console, options.rows, "--rows")
+    found = [each for ledgers in frame.pop("found") for each in ledgers]
+    units = {key: "%" for key in keys if _is_in_percent(found, key)}
+    shown = show_percent(frame, units).rename(columns=lambda name: add_unit(name, units.get(name, "")))
+    print_frame(f"Runs in {folder.parent}", shown, console, options.rows, "--rows")
     if not options.jobs and frame["run"].str.endswith("/").any():
         say(f"a sweep's jobs: --jobs, or {review_line(options.outputs, 'sweep', 'NAME')}", console)
 
 
 def _list_everything(outputs: str, with_jobs: bool, keys: Sequence[str]) -> pd.DataFrame:
-    """Return a row for each run and each sweep or (`with_jobs`) job, newest first, with columns of more keys."""
+    """Return a row for each run and each sweep or (`with_jobs`) job, newest first, with more keys and its ledgers."""
     folders = list_folders(outputs)
     ledgers = {each: Ledger.look(each) for each in folders}
     sweeps = sweeps_folder(outputs)
@@ -64,7 +67,7 @@ def _list_everything(outputs: str, with_jobs: bool, keys: Sequence[str]) -> pd.D
             offered = _suggest(key, [ledger for found in frame["found"] for ledger in found])
             raise ConfigError(f"no column, metric or configuration key '{key}' in any run; {offered}")
         frame.insert(len(frame.columns) - 2, key, pd.Series(values, dtype=object, index=frame.index))
-    return frame.drop(columns="found")
+    return frame
 
 
 def _describe(folder: Path, ledger: Ledger | None, is_job: bool) -> dict[str, Any]:
@@ -119,6 +122,10 @@ def _look_up_one(ledger: Ledger, key: str) -> Any:
         if node is not None:
             return node
     return None
+
+
+def _is_in_percent(ledgers: Iterable[Ledger], key: str) -> bool:
+    return any((each.facts.get("metrics") or {}).get(key, {}).get("percent") for each in ledgers)
 
 
 def _suggest(key: str, ledgers: Sequence[Ledger]) -> str:

@@ -80,9 +80,9 @@ def order_of(text: str) -> tuple[bool, float, str]:
 
 
 def read_number(text: str) -> float | None:
-    """Return the number that a text is, or None."""
+    """Return the number that a text is, also in per cent, or None."""
     try:
-        number = float(text)
+        number = float(text[:-1]) / 100.0 if text.endswith("%") else float(text)
     except ValueError:
         return None
     return None if math.isnan(number) else number

@@ -63,7 +63,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
     if left:
         say(f"{_describe_unfinished(left, found)}, and nothing says by which command", console)
     try:
-        say(f"table: {write_frame(found.folder, found.frame, found.units)}", console)
+        say(f"table: {write_frame(found.folder, found.frame, found.described)}", console)
         _write_page(found)
     except OSError as error:
         raise PipelineError(

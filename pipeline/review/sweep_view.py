@@ -10,7 +10,7 @@ import pandas as pd
 from pipeline.command import command_line
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import is_seed
-from pipeline.printing import add_unit, format_value
+from pipeline.printing import SHOWN, add_unit, format_value, show_percent
 from pipeline.review.curves import half_width
 from pipeline.review.selection import order_of
 from pipeline.runs import list_folders, list_ledgers, sweeps_folder
@@ -25,7 +25,12 @@ class Sweep:
 
     folder: Path
     frame: pd.DataFrame
-    units: dict[str, str]
+    described: dict[str, dict[str, str]]
+
+    @cached_property
+    def units(self) -> dict[str, str]:
+        """Units in which columns are to be read that have one."""
+        return {name: each.get(SHOWN) or each["unit"] for name, each in self.described.items()}
 
     @cached_property
     def unfinished(self) -> dict[str, str]:
@@ -84,23 +89,29 @@ class Sweep:
         }
 
     def table(self, everything: bool) -> pd.DataFrame:
-        """Return a row for each job: the columns that vary and those that measure, or all."""
+        """Return a row for each job, as it is to be read: the columns that vary and those that measure, or all."""
+        frame = show_percent(self.frame, self.units)
         if everything:
-            return self.frame
+            return frame
         telling = [*self.varying, "status", *self.metrics, "wall_s", "peak_memory_mb"]
         if _differs(self.frame["commit"]):
             telling.append("commit")
         if not self.varying or self.frame.duplicated(list(self.varying)).any():
             telling.insert(0, "job")
-        return self.frame[[each for each in telling if not self.frame[each].isna().all()]]
+        return frame[[each for each in telling if not frame[each].isna().all()]]
 
     def head(self, column: str) -> str:
         """Return a column's heading with its unit."""
         return add_unit(column, self.units.get(column, "1"))
 
+    def title(self, metric: str) -> str:
+        """Return what a metric is called in words, with its unit."""
+        return add_unit(self.described.get(metric, {}).get("title", metric), self.units.get(metric, "1"))
+
     def points(self, metric: str) -> pd.DataFrame:
-        """Return the jobs that have a metric as a number: it as ``value``, and each axis as text."""
-        value = pd.to_numeric(self.frame[metric], errors="coerce").astype(float)
+        """Return the jobs that have a metric as a number: it as it is to be read as ``value``, each axis as text."""
+        shown = show_percent(self.frame[[metric]], self.units)[metric]
+        value = pd.to_numeric(shown, errors="coerce").astype(float)
         found = pd.DataFrame({**{key: self.texts(key) for key in self.varying}, "value": value})
         return found[np.isfinite(value) & (self.frame["status"] == "done")].reset_index(drop=True)
 
@@ -128,7 +139,7 @@ def describe_extremes(sweep: Sweep) -> list[str]:
         for value, row in found.loc[[found["mean"].idxmin(), found["mean"].idxmax()]].iterrows():
             half = "" if np.isnan(row["half"]) else f" ± {row['half']:.2g}"
             told.append(f"{format_value(row['mean'])}{half} with {key}={value}")
-        sentences.append(f"{sweep.head(metric)} is least, {told[0]}, and most, {told[1]}: {doubt}.")
+        sentences.append(f"{sweep.title(metric)} is least, {told[0]}, and most, {told[1]}: {doubt}.")
     if any("not told apart" in each or "so few" in each for each in sentences):
         sentences.append("More seeds tell more: the same command with further values of seed adds jobs to this sweep.")
     if sentences:
@@ -153,10 +164,10 @@ def find_sweep(outputs: str | Path, name: str) -> Sweep:
         names = sorted({each.parent.name for each in list_folders(outputs) if each.parent.parent == place})
         told = suggest(name, [*names, "latest"]) if names else f"make one with: {command_line(['-m', 'seed=0,1'])}"
         raise ConfigError(f"no sweep '{name}' in {place}, nor a folder of this name; {told}")
-    frame, units = collect_sweep(folder)
+    frame, described = collect_sweep(folder)
     if {*frame["status"]} <= {"no ledger"}:
         raise ConfigError(f"{folder} is no sweep: expected a folder with a folder for each job, each with a run.json")
-    return Sweep(folder, frame, units)
+    return Sweep(folder, frame, described)
 
 
 def _differs(values: pd.Series) -> bool:

@@ -17,16 +17,17 @@ from pipeline.checkout import describe_commit
 from pipeline.errors import ConfigError
 from pipeline.files import write_atomically
 from pipeline.ledger import Ledger
+from pipeline.printing import SHOWN
 from pipeline.runs import describe_status
 from pipeline.sweeps.launch import is_meaningful, list_launches
 
 FILE_NAME = "sweep.parquet"
-UNITS = {"wall_s": "s", "peak_memory_mb": "MB"}
+UNITS = {"wall_s": {"unit": "s"}, "peak_memory_mb": {"unit": "MB"}}
 OWN = ("job", "status", "wall_s", "peak_memory_mb", "stage", "error", "commit")
 
 
-def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
-    """Return a row for each job of a sweep, and the units of columns that have one.
+def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, dict[str, str]]]:
+    """Return a row for each job of a sweep, and for columns of numbers unit and title, as ``sweep.parquet`` has them.
 
     The columns are ``job``; the keys that a job overrides, as text; ``status``; the metrics; ``wall_s``,
     ``peak_memory_mb``, ``stage`` and ``error`` (where and why it failed) and ``commit``.
@@ -38,14 +39,14 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
     found = {each.name: Ledger.look(each) for each in folders}
     rows: list[dict[str, Any]] = []
     axes: dict[str, None] = {}
-    metrics: dict[str, str] = {}
+    metrics: dict[str, dict[str, str]] = {}
     for job in sorted({*overrides, *found}, key=_in_order):
         ledger = found.get(job)
         values = split_overrides(overrides.get(job) or job.split(","))
         axes.update(dict.fromkeys(values))
         facts = ledger.facts if ledger else {}
         measured = facts.get("metrics") or {}
-        metrics.update({name: each["unit"] for name, each in measured.items()})
+        metrics.update({name: _describe_metric(each) for name, each in measured.items()})
         error = facts.get("error") or {}
         absent = "not begun" if job in overrides else "no ledger"
         rows.append(
@@ -69,10 +70,15 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, str]]:
     return frame, {**UNITS, **metrics}
 
 
-def write_frame(sweep: Path, frame: pd.DataFrame, units: Mapping[str, str]) -> Path:
+def _describe_metric(metric: Mapping[str, Any]) -> dict[str, str]:
+    shown = {"title": metric.get("title"), SHOWN: "%" if metric.get("percent") else None}
+    return {"unit": str(metric["unit"]), **{key: value for key, value in shown.items() if value}}
+
+
+def write_frame(sweep: Path, frame: pd.DataFrame, described: Mapping[str, dict[str, str]]) -> Path:
     """Write what `collect_sweep` returned as ``sweep.parquet``; return its path."""
     fields = [
-        each.with_metadata({"unit": units[each.name]}) if each.name in units else each
+        each.with_metadata(described[each.name]) if each.name in described else each
         for each in pyarrow.Schema.from_pandas(frame, preserve_index=False)
     ]
     contents = pyarrow.Table.from_pandas(frame, schema=pyarrow.schema(fields), preserve_index=False)

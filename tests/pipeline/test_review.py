@@ -6,6 +6,7 @@ import shutil
 from urllib.parse import unquote
 
 import pandas as pd
+import pyarrow.parquet
 import pytest
 from scipy.stats import ttest_ind
 
@@ -165,6 +166,27 @@ def test_two_axes_make_a_grid_and_lists_are_values(tmp_path):
     page = (command.outputs / "sweeps" / "g" / "sweep.html").read_text()
     assert "score_m (m): mean of the jobs in each cell (2)." in page
     assert page.count("data:image/png;base64,") == 3
+
+
+def test_ratios_declared_in_percent_are_shown_so_and_asked_for_either_way(copied):
+    for number, seed in enumerate(("0", "1", "2")):
+        for count in ("3", "4"):
+            rate = {"value": 0.011 * (number + 1), "unit": "1", "percent": True, "title": "Error at the end"}
+            change(job(copied, f"seed={seed}", f"counting.count={count}"), metrics={"rate": rate})
+    listed = shown(copied, "list", "--jobs", "--where", "rate<0.03")
+    assert "rate (%)" in listed
+    assert {"1.1", "2.2"} <= {*listed.split()}
+    assert "3.3" not in listed.split()
+    assert shown(copied, "list", "--jobs", "--where", "rate<3%") == listed
+    told = shown(copied, "sweep", "s")
+    assert {"(%)", "1.1", "2.2", "3.3"} <= {*told.split()}
+    page = (copied.outputs / "sweeps" / "s" / "sweep.html").read_text()
+    assert "Error at the end (%) over counting.count" in page
+    kept = pyarrow.parquet.read_table(copied.outputs / "sweeps" / "s" / "sweep.parquet")
+    assert kept.column("rate").to_pylist() == pytest.approx([0.011, 0.022, 0.033] * 2)
+    assert kept.schema.field("rate").metadata == {b"unit": b"1", b"title": b"Error at the end", b"shown in": b"%"}
+    compared = shown(copied, "compare", "s").split()
+    assert {"(%)", "3.3"} <= {*compared}
 
 
 def test_sweep_of_odd_jobs(copied):
