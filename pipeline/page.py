@@ -16,8 +16,9 @@ from typing import Any, NamedTuple
 import jinja2
 import pandas as pd
 
+from pipeline.command import split_command
 from pipeline.files import write_text
-from pipeline.printing import format_value, is_prose, split_command
+from pipeline.printing import format_value, is_prose
 
 PAGES = Path(__file__).parent / "pages"
 

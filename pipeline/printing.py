@@ -1,6 +1,5 @@
 """Frames and sentences on a terminal: a frame flows in, lines flow out."""
 
-import re
 import textwrap
 from collections.abc import Mapping, Sequence
 from typing import Any
@@ -10,12 +9,13 @@ import rich.table
 from rich.console import Console
 from rich.text import Text
 
+from pipeline.command import split_command
+
 ROWS_SHOWN_WHOLE = 60
 LEAST_TEXT = 14
 """Characters of a column of text up to which it is narrowed before others are left out."""
 SHOWN = "shown in"
 """Of a column's metadata in a file: the unit in which it is to be read, where it is not the one in which it is kept."""
-COMMAND = re.compile(r"\bpython -m pipeline\b.*")
 
 
 def print_frame(
@@ -71,12 +71,6 @@ def print_sentences(sentences: Sequence[str], console: Console) -> None:
         if command:
             console.print(f"    {command}", highlight=False, markup=False, soft_wrap=True)
     console.print()
-
-
-def split_command(sentence: str) -> tuple[str, str]:
-    """Return a sentence and the command of this program that it ends with, if it does."""
-    found = COMMAND.search(sentence)
-    return (sentence[: found.start()].rstrip(), found.group()) if found else (sentence, "")
 
 
 def is_prose(frame: pd.DataFrame) -> bool:

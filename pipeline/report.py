@@ -14,7 +14,7 @@ from omegaconf import OmegaConf
 from rich.console import Console
 
 from pipeline.checkout import describe_commit
-from pipeline.command import override
+from pipeline.command import complete
 from pipeline.config import Study
 from pipeline.failures import describe_reason, read_traceback
 from pipeline.ledger import Ledger
@@ -132,19 +132,10 @@ def _shorten(table: Table, frame: pd.DataFrame) -> tuple[pd.DataFrame, str]:
 
 
 def _list_sentences(ledger: Ledger, headline: Sequence[Table], role: str) -> list[str]:
-    """Return what tables of a role say, with the run's folder where they speak of it."""
+    """Return what tables of a role say, with commands as they can be typed after this run."""
     frames = [_read(ledger, each) for each in headline if each.role == role]
-    return [_fill_folder(each, str(ledger.folder)) for frame in frames for each in list_sentences(frame)]
-
-
-def _fill_folder(sentence: str, folder: str) -> str:
-    """Return a sentence with a run's folder for FOLDER, in an override quoted where it needs be."""
-    filled = [
-        override(key, value.replace("FOLDER", folder)) if "FOLDER" in value else word.replace("FOLDER", folder)
-        for word in sentence.split(" ")
-        for key, _, value in [word.partition("=")]
-    ]
-    return " ".join(filled)
+    typed, folder = str(ledger.facts["command"]), str(ledger.folder)
+    return [complete(each, typed, folder) for frame in frames for each in list_sentences(frame)]
 
 
 def _order_pictures(ledger: Ledger, done: Sequence[Stage], headline: Sequence[Table]) -> list[Picture]:

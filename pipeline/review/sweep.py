@@ -8,6 +8,7 @@ from urllib.parse import quote
 import pandas as pd
 from rich.console import Console
 
+from pipeline.command import complete
 from pipeline.errors import PipelineError
 from pipeline.failures import describe_reason, list_commands, list_reasons, read_traceback
 from pipeline.ledger import Ledger
@@ -196,7 +197,7 @@ def _show_results(done: Sequence[Ledger]) -> list[Block]:
         names = [each for each in list_headlines(read_config(ledger.folder)) if each in kept]
         short = [each for each in names if 0 < int(kept[each].get("rows", 0)) <= MOST_ROWS_OF_RESULTS]
         read = [found for name in short if (found := read_whole_table(ledger, name))]
-        told = [each for each in read if is_prose(each[0])]
+        told = [(_complete(frame, ledger), *rest) for frame, *rest in read if is_prose(frame)]
         blocks = [block for each in told or read for block in show_frame(*each)]
         if blocks:
             results.append(make_details(ledger.folder.name, blocks, is_open=not results))
@@ -206,6 +207,10 @@ def _show_results(done: Sequence[Ledger]) -> list[Block]:
         return []
     part = f", of the first {len(results)} jobs that are done" if len(done) > len(results) else ""
     return [("note", f"What each job's report begins with{part}."), *results]
+
+
+def _complete(sentences: pd.DataFrame, ledger: Ledger) -> pd.DataFrame:
+    return sentences.map(lambda each: complete(str(each), str(ledger.facts["command"]), str(ledger.folder)))
 
 
 def _show_differences(sweep: Sweep, ledgers: Sequence[Ledger]) -> list[Block]:

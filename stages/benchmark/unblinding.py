@@ -66,7 +66,8 @@ def unblinding(
     names = " and ".join(f"{_in_words(each['name'])} on {', '.join(each['muscles'])}" for each in hidden)
     told = f"{names} ({recorded.truth['scenario']['magnitude']})" if hidden else "nothing"
     outcome = [
-        f"{_describe_named(named_effects, hidden, left=left)} Hidden was {told}; the seal holds ({digest[:12]}).",
+        f"{_describe_named(named_effects, hidden, left=left)} Hidden was {told}, "
+        f"as sealed before the search (SHA-256 {digest[:12]}).",
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
         f"{100 * after:.2g} %{mended}; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
     ]

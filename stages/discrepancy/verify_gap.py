@@ -228,7 +228,9 @@ def verify_gap(
         *describe_forgotten(dataset.outputs[0], dataset.plant, report.most_forgotten),
         *describe_high_floor(channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf),
     ]
-    command = describe_command(status, tables.measured_session.iloc[0], cfg.exoskeleton.load_cell_site)
+    command = describe_command(
+        status == "named", bool(maps), tables.measured_session.iloc[0], cfg.exoskeleton.load_cell_site
+    )
     return {
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions,
@@ -270,12 +272,13 @@ def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -
     }
 
 
-def describe_command(status: str, session: pd.Series, simulated_at: str) -> str:
-    """Return how to simulate with the amended plant."""
-    which = "amended plant" if status == "named" else "plant with its fitted constants and learned maps, if any"
+def describe_command(named: bool, mapped: bool, session: pd.Series, simulated_at: str) -> str:
+    """Return how to simulate with the plant as amended by names, by learned maps, or by fitted constants alone."""
+    learned = "fitted constants and learned maps" if mapped else "constants as fitted here"
+    which = "amended plant" if named else f"plant with {learned}"
     told = f"Simulate with the {which}: "
     if session["kind"] == "records":
-        return f"{told}add plant=FOLDER/documents/amended.yaml to the command of this run."
+        return f"{told}python -m pipeline ARGUMENTS plant=FOLDER/documents/amended.yaml"
     site = str(session["load_cell_site"])
     elsewhere = "" if site in ("unknown", simulated_at) else f" exoskeleton.load_cell_site={site}"
     return f"{told}python -m pipeline plant=FOLDER/documents/amended.yaml{elsewhere}"

@@ -369,12 +369,12 @@ def advise(compared: pd.DataFrame, tested_on: str, arms: Sequence[str]) -> list[
     told = []
     if len(better):
         best = str(better["control"].iloc[0])
-        told.append(f"Choose by {spell_arm(best)}: python -m pipeline active_loop.utility={best}")
+        told.append(f"Choose by {spell_arm(best)}: python -m pipeline ARGUMENTS active_loop.utility={best}")
     elif undecided:
         told.append(
             f"More experiments show whether {spell_arm(arms[0])} or "
             f"{' or '.join(undecided) if len(undecided) < 3 else 'another choice'} is better: "
-            "add subsampling.experiments=20 to the command of this run."
+            "python -m pipeline ARGUMENTS subsampling.experiments=20"
         )
     told.append(
         "Find which physical effect a textbook simulation of such trials lacks, and models that use it (some minutes): "

@@ -47,7 +47,7 @@ def test_the_curve_is_averaged_over_designed_trials(generator):
             {"y_y": 0.04, "variance": 0.031, "random": 0.03},
             "control better",
             "With trajectories chosen at random they end at 3 %, which is better by 0.99 points",
-            ["Choose by random: python -m pipeline active_loop.utility=random"],
+            ["Choose by random: python -m pipeline ARGUMENTS active_loop.utility=random"],
         ),
         (
             {"y_y": 0.04, "variance": 0.04, "random": 0.04},

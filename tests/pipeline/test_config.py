@@ -12,7 +12,7 @@ import pytest
 from hydra.core.override_parser.overrides_parser import OverridesParser
 from omegaconf import OmegaConf
 
-from pipeline.command import override
+from pipeline.command import complete, override, split_command
 from pipeline.errors import InputError
 from pipeline.inputs import read_json
 from tests.conftest import ROOT, Command
@@ -238,3 +238,28 @@ def test_an_override_is_read_as_it_was_typed(path):
     (typed,) = shlex.split(override("plant", path))
     (read,) = OverridesParser.create().parse_overrides([typed])
     assert (read.key_or_group, read.value()) == ("plant", path)
+
+
+@pytest.mark.parametrize(
+    ("sentence", "typed", "expected"),
+    [
+        ("Nothing to do.", "python -m pipeline seed=1", "Nothing to do."),
+        ("Go: python -m pipeline a=b", "python -m pipeline", "Go: python -m pipeline a=b"),
+        ("Go: python -m pipeline a=b", ".v/bin/python3.11 -m pipeline seed=1", "Go: .v/bin/python3.11 -m pipeline a=b"),
+        (
+            "Go: python -m pipeline a=FOLDER/b.yaml",
+            "python -m pipeline 'outputs=my runs' budget=tiny seed=1",
+            f"Go: python -m pipeline 'outputs=my runs' budget=tiny {override('a', 'my runs/1/b.yaml')}",
+        ),
+        (
+            "More: python -m pipeline ARGUMENTS n=20 seed=2",
+            "python -m pipeline sweep=s 'u={_target_: f}' n=3 outputs=o plan=true seed=1",
+            "More: python -m pipeline 'u={_target_: f}' outputs=o n=20 seed=2",
+        ),
+    ],
+)
+def test_a_proposed_command_can_be_typed_after_the_run(sentence, typed, expected):
+    told = complete(sentence, typed, "my runs/1")
+    assert told == expected
+    words, command = split_command(told)
+    assert told == f"{words} {command}".strip()

@@ -44,7 +44,8 @@ def describe_verdict(
             f"Nothing that matters is missing, with probability {_sure(1.0 - verdict['missing_probability'])}: on "
             f"{_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
             f"{_compare_with_floor(gap['before'], gap['noise_floor'])}; in its worst channel it is at most "
-            f"{gap['over_floor']['high']:.2f} times the floor (one-sided limit over trials).",
+            f"{gap['over_floor']['high']:.2f} times the floor ("
+            f"{_percent(settings.level)} one-sided limit over trials).",
             *_describe_suspected(verdict),
         ]
     by_channel: dict[str, list[Mapping[str, Any]]] = {}
@@ -402,8 +403,8 @@ def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None, lea
     now, then = _sure(weighed.expected_now), _sure(float(weighed.probability[best]))
     if weighed.gain < least_gain:
         return (
-            f"No further trial is proposed: the best of these kinds ({weighed.spell(best)}) would leave {told} as they "
-            f"are, the true one with probability {now} before and {then} after it."
+            f"No further trial is proposed, as none would tell {told} apart: the best of these kinds "
+            f"({weighed.spell(best)}) is expected to raise the true one's probability from {now} to {then} only."
         )
     evidence = f"expected evidence {weighed.mean_evidence[best]:.3g} nats"
     return (
@@ -452,7 +453,8 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
     second = f"; next is {_spell(following['name'])}, {_sure(following['probability'])}" if following and first else ""
     optional = [_describe_size(effect, each) for each in known.parameters if each.optional]
     sizes = " ".join(filter(None, optional)) or _describe_size(effect, known.parameters[0])
-    alike = " with those like it" if len(alike_names) > 1 else ""
+    like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
+    alike = f" that it is this or {like}" if like else ""
     text = (
         f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
         f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. {sizes}"
@@ -465,8 +467,7 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
             f" Trials not fitted do not show it: with it the gap there goes from {_percent(step['before'])} to "
             f"{_percent(step['after'])} of range (p = {step['p_value']:.2g}), so it may stand in for something else."
         )
-    if effect["indistinguishable_from"]:
-        like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
+    if like:
         text += f" These data do not exclude {like}; what usually tells them apart: {known.split_by}."
     return text
 
