@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.page import Picture
-from pipeline.printing import format_range, shorten
+from pipeline.printing import add_unit, format_range, shorten
 from pipeline.review.curves import Curves, half_width
 from pipeline.review.selection import order_of, read_number
 from pipeline.review.sweep_view import Sweep
@@ -59,7 +59,7 @@ def draw_metrics(sweep: Sweep) -> Iterator[tuple[str, list[Picture], str]]:
     """Yield each metric's heading, its pictures, and why it has none, or not all."""
     left, drawn = sweep.axes[MOST_AXES:], 0
     for metric in sweep.metrics:
-        points, head = sweep.points(metric), sweep.title(metric)
+        points, head = sweep.points(metric), add_unit(sweep.title(metric), sweep.units.get(metric, "1"))
         if len(points) < 2:
             yield head, [], f"{len(points) or 'no'} job that is done has it as a number: nothing to draw"
         elif not sweep.varying:

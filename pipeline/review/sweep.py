@@ -26,7 +26,7 @@ from pipeline.printing import format_count, is_prose, join_some, print_frame
 from pipeline.review.compare import Comparison
 from pipeline.review.kept import list_headlines, list_tables, read_config, read_whole_table
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
-from pipeline.review.sweep_view import Sweep, describe_extremes, find_sweep
+from pipeline.review.sweep_view import Sweep, describe_extremes, find_sweep, propose_seeds
 from pipeline.sweeps.launch import list_launches
 from pipeline.sweeps.sweep_table import write_frame
 from pipeline.terminal import say
@@ -85,8 +85,12 @@ def _describe_counts(sweep: Sweep) -> str:
 def _write_page(sweep: Sweep) -> None:
     ledgers = {job: found for job in sweep.frame["job"] if (found := Ledger.look(sweep.folder / job))}
     done = [found for job, found in ledgers.items() if job not in sweep.unfinished]
-    commands = [str(each.get("command", "-")) for each in list_launches(sweep.folder)][-MOST_COMMANDS:]
+    launches = [*list_launches(sweep.folder)][-MOST_COMMANDS:]
+    commands = [str(each.get("command", "-")) for each in launches]
     shown: list[Block] = [("command", each) for each in commands]
+    told = describe_extremes(sweep)
+    typed = launches[-1].get("arguments") if launches else None
+    more = [("command", propose_seeds(sweep, typed))] if typed else shown[-1:]
     write_page(
         sweep.folder / FILE_NAME,
         title=f"sweep {sweep.folder.name}",
@@ -95,7 +99,7 @@ def _write_page(sweep: Sweep) -> None:
         status=f"{len(sweep.unfinished)} not done" if sweep.unfinished else "done",
         opening=[],
         sections=[
-            Section("Found", [("finding", told), *shown[-1:]] if (told := describe_extremes(sweep)) else []),
+            Section("Found", [("finding", told), *more] if told else []),
             Section("Failures", _show_failures(sweep, ledgers)),
             Section("Metrics", _show_metrics(sweep)),
             Section("Jobs", _show_jobs(sweep)),

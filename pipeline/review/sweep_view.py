@@ -1,5 +1,6 @@
 """What a sweep shows: which keys vary, what metrics do over them, which jobs failed, and what all have alike."""
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cached_property
 from pathlib import Path
@@ -105,8 +106,13 @@ class Sweep:
         return add_unit(column, self.units.get(column, "1"))
 
     def title(self, metric: str) -> str:
-        """Return what a metric is called in words, with its unit."""
-        return add_unit(self.described.get(metric, {}).get("title", metric), self.units.get(metric, "1"))
+        """Return what a metric is called in words."""
+        return self.described.get(metric, {}).get("title", metric)
+
+    def unit(self, metric: str) -> str:
+        """Return what stands behind a value of a metric."""
+        unit = self.units.get(metric, "1")
+        return "" if unit == "1" else f" {unit}"
 
     def points(self, metric: str) -> pd.DataFrame:
         """Return the jobs that have a metric as a number: it as it is to be read as ``value``, each axis as text."""
@@ -119,35 +125,63 @@ class Sweep:
 def describe_extremes(sweep: Sweep) -> list[str]:
     """Return in a sentence for each metric, the last first, with which values of a key it is least and most.
 
-    The key is the first that varies and is no seed. A one-way analysis of variance tells whether that may be chance.
+    The key is the first that varies and is no seed. An analysis of variance tells whether that may be chance.
     """
-    from scipy.stats import f_oneway
-
     sentences = []
     for metric in reversed(sweep.metrics) if sweep.axes else []:
         key = sweep.axes[0]
-        grouped = sweep.points(metric).groupby(key)["value"]
-        found = grouped.agg(["mean", "std", "count"])
+        points = sweep.points(metric)
+        found = points.groupby(key)["value"].agg(["mean", "std", "count"])
         if len(found) < 2 or found["mean"].nunique() < 2:
             continue
         doubt = "so few jobs tell nothing of chance"
         if found["count"].min() > 1:
-            p = f_oneway(*(values.to_numpy() for _, values in grouped)).pvalue
-            doubt = f"told apart, p = {p:.2g}" if p < 0.05 else f"not told apart, p = {p:.2g}"
+            p, test = compare_values(points, key)
+            doubt = f"{'' if p < 0.05 else 'not '}told apart (p = {p:.2g}, {test})"
         found["half"] = half_width(found["std"], found["count"])
         told = []
         for value, row in found.loc[[found["mean"].idxmin(), found["mean"].idxmax()]].iterrows():
             half = "" if np.isnan(row["half"]) else f" ± {row['half']:.2g}"
-            told.append(f"{format_value(row['mean'])}{half} with {key}={value}")
-        sentences.append(f"{sweep.title(metric)} is least, {told[0]}, and most, {told[1]}: {doubt}.")
-    if any("not told apart" in each or "so few" in each for each in sentences):
-        sentences.append("More seeds tell more: the same command with further values of seed adds jobs to this sweep.")
+            told.append(f"with {key}={value}, {format_value(row['mean'])}{half}{sweep.unit(metric)}")
+        sentences.append(f"{sweep.title(metric)} is least {told[0]}, and most {told[1]}: {doubt}.")
+    doubtful = any("not told apart" in each or "so few" in each for each in sentences)
     if sentences:
-        sentences.append(
-            "Means over jobs, with half of the mean's 95 % interval (t) where jobs repeat; p of a one-way analysis of "
-            "variance."
-        )
+        sentences.append("Means over jobs, with half of the mean's 95 % interval (t) where jobs repeat.")
+    if doubtful:
+        sentences.append("More seeds tell more; as many again are added to this sweep by the command below.")
     return sentences
+
+
+def compare_values(points: pd.DataFrame, key: str) -> tuple[float, str]:
+    """Return the p-value of no difference between values of a key, and the name of the analysis of variance.
+
+    Where each value has one job for every choice of the other keys, as of seeds, jobs of one choice are a block.
+    """
+    from scipy.stats import f, f_oneway
+
+    others = [each for each in points.columns if each not in (key, "value")]
+    if others and not points.duplicated([key, *others]).any():
+        crossed = points.set_index([*others, key])["value"].unstack().to_numpy()
+        blocks, values = crossed.shape
+        if blocks > 1 and np.isfinite(crossed).all():
+            left = crossed - crossed.mean(axis=0) - crossed.mean(axis=1, keepdims=True) + crossed.mean()
+            between = blocks * crossed.mean(axis=0).var() * values / (values - 1)
+            within = (left**2).sum() / ((values - 1) * (blocks - 1))
+            ratio = between / within if within > 0 else np.inf
+            return float(f.sf(ratio, values - 1, (values - 1) * (blocks - 1))), "analysis of variance in blocks"
+    grouped = [values.to_numpy() for _, values in points.groupby(key)["value"]]
+    return float(f_oneway(*grouped).pvalue), "one-way analysis of variance"
+
+
+def propose_seeds(sweep: Sweep, arguments: Sequence[str]) -> str:
+    """Return the command that adds as many seeds again to a sweep, from the arguments of its last launch."""
+    key = next(iter(sweep.seeds), "seed")
+    known = sweep.varying.get(key, [])
+    count = 2 * len(known) or 8
+    if {*known} <= {str(each) for each in range(count)}:
+        kept = [each for each in arguments if each.partition("=")[0] != key]
+        return command_line([*kept, f"{key}=range({count})"])
+    return command_line(list(arguments))
 
 
 def find_sweep(outputs: str | Path, name: str) -> Sweep:

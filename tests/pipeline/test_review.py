@@ -8,10 +8,12 @@ from urllib.parse import unquote
 import pandas as pd
 import pyarrow.parquet
 import pytest
-from scipy.stats import ttest_ind
+import statsmodels.formula.api as smf
+from scipy.stats import ttest_ind, ttest_rel
+from statsmodels.stats.anova import anova_lm
 
 from pipeline.files import TEMPORARY_SUFFIX
-from pipeline.review.sweep_view import Sweep, describe_extremes
+from pipeline.review.sweep_view import Sweep, compare_values, describe_extremes, propose_seeds
 from tests.conftest import Command
 from tests.faults import ledger_of
 from tests.pipeline.conftest import ALONE, CONFIG
@@ -294,13 +296,27 @@ def test_tables_of_sentences_and_without_common_rows_are_compared_too(copied, fr
     assert told in " ".join(shown(copied, "compare", *(run.name for run in copied.runs)).split())
 
 
-@pytest.mark.parametrize(("shift", "told"), [(0.0, "not told apart, p = "), (5.0, ": told apart, p = ")])
-def test_values_of_a_key_are_told_apart_or_not(shift, told, tmp_path):
+@pytest.mark.parametrize(("shift", "told"), [(0.0, ": not told apart"), (5.0, ": told apart")])
+@pytest.mark.parametrize("crossed", [True, False])
+def test_values_of_a_key_are_told_apart_or_not_in_blocks_of_the_same_seed(shift, told, crossed, tmp_path):
     score = [1.0, 1.2, 0.8, 1.1, *(shift + each for each in (0.9, 1.3, 1.0, 1.2))]
-    jobs = {"job": list("abcdefgh"), "gain": [1] * 4 + [2] * 4, "seed": [0, 1, 2, 3] * 2, "status": "done"}
-    frame = pd.DataFrame({**jobs, "score": score, "wall_s": 1.0})
-    sentences = describe_extremes(Sweep(tmp_path, frame, {}))
-    assert sentences[0].startswith("score is least, 1.025 ± 0.27 with gain=1")
+    seeds = [0, 1, 2, 3] * 2 if crossed else [*range(8)]
+    jobs = {"job": list("abcdefgh"), "gain": [1] * 4 + [2] * 4, "seed": seeds, "status": "done"}
+    found = Sweep(tmp_path, pd.DataFrame({**jobs, "score": score, "wall_s": 1.0}), {"score": {"unit": "m"}})
+    sentences = describe_extremes(found)
+    assert sentences[0].startswith("score is least with gain=1, 1.025 ± 0.27 m, and most with gain=2, ")
     assert told in sentences[0]
-    assert f"p = {ttest_ind(score[:4], score[4:]).pvalue:.2g}" in sentences[0]
+    test = ttest_rel if crossed else ttest_ind
+    assert f"p = {test(score[:4], score[4:]).pvalue:.2g}, " in sentences[0]
     assert any("More seeds" in each for each in sentences) == (not shift)
+    told = propose_seeds(found, ["-m", "seed=0,1", "gain=1,2"])
+    assert told.endswith(f"-m pipeline -m gain=1,2 'seed=range({2 * len({*seeds})})'")
+
+
+def test_blocks_of_three_values_are_analysed_as_by_regression(generator):
+    values = generator.normal(size=(5, 3)) + generator.normal(size=(5, 1)) + [0.0, 0.4, 0.8]
+    points = pd.DataFrame([(str(s), str(g), x) for s, row in enumerate(values) for g, x in enumerate(row)])
+    points = points.set_axis(["seed", "gain", "value"], axis="columns")
+    fitted = smf.ols("value ~ C(seed) + C(gain)", points).fit()
+    expected = anova_lm(fitted).loc["C(gain)", "PR(>F)"]
+    assert compare_values(points, "gain")[0] == pytest.approx(expected)
