@@ -21,6 +21,8 @@ from pipeline.files import write_text
 from pipeline.printing import format_value, is_prose
 
 PAGES = Path(__file__).parent / "pages"
+WIDE = 1100
+"""Pixels of a picture's width, at 150 to the inch, beyond which a phone shows it in a frame to scroll."""
 
 Block = tuple[str, Any]
 
@@ -30,6 +32,11 @@ class Picture(NamedTuple):
 
     png: bytes
     caption: str
+
+    @property
+    def is_wide(self) -> bool:
+        """Whether its letters would be too small on a phone that shows it whole."""
+        return int.from_bytes(self.png[16:20]) > WIDE
 
 
 class Section(NamedTuple):
