@@ -53,12 +53,12 @@ def complete(sentence: str, typed: str, folder: str) -> str:
     if not command:
         return told
     begun, _, given = typed.partition("-m pipeline")
-    words = command.split(" ")[3:]
+    words = shlex.split(command)[3:]
     own = {word.partition("=")[0] for word in words}
     kept = [each for each in shlex.split(given) if each.partition("=")[0] not in (*own, *SINGLE)]
     carried = [each for each in kept if each.partition("=")[0] in CARRIED]
     filled = [
-        override(key, value.replace("FOLDER", folder)) if "FOLDER" in value else word
+        override(key, value.replace("FOLDER", folder)) if "FOLDER" in value else shlex.quote(word)
         for word in words
         if word != "ARGUMENTS"
         for key, _, value in [word.partition("=")]

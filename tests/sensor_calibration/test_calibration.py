@@ -17,6 +17,7 @@ from pipeline.files import write_json
 from stages.science.rig import clock
 from stages.science.rig.contract import RigError
 from stages.science.rig.festo.known_points import PointRequested
+from stages.sensor_calibration.calibration_summary import advise, describe_lines
 from tests.composing import compose_values
 from tests.conftest import Command
 from tests.cpx_e.machine import Channel
@@ -55,7 +56,7 @@ class Person:
 
     def __init__(self, emulator, run, *overrides):
         self.emulator, self.run = emulator, run
-        self.study, (self.stage,) = read_study(compose_values(*list_overrides(emulator), *overrides))
+        self.study, (self.stage, _) = read_study(compose_values(*list_overrides(emulator), *overrides))
         self.asked, self.told, self.tables, self.hands, self.shown_kpa = [], [], {}, {}, 0.0
 
     def type(self):
@@ -178,6 +179,32 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated_and_else_stays_as_configure
     assert force[0] == pytest.approx(80.0, abs=0.2)
     assert angle[0] == pytest.approx(0.6, abs=0.002)
     assert emulator.state()["outputs_kpa"] == [0.0] * 4
+
+
+@pytest.mark.parametrize(
+    ("status", "plausible", "found", "advised"),
+    [
+        (("calibrated", "calibrated"), True, ["2 of 2 channels are calibrated. The point"], ["rig=FOLDER/documents"]),
+        (
+            ("calibrated", "refused"),
+            False,
+            ["1 of 2", "Far from what was", "b.force stays"],
+            ["rig=", "only=[b.force]"],
+        ),
+        (("refused", "refused"), False, ["0 of 2 channels", "a.force stays", "b.force stays"], ["only=[a.force,b.f"]),
+    ],
+)
+def test_the_summary_says_which_lines_are_good_which_are_strange_and_what_to_do(status, plausible, found, advised):
+    lines = pd.DataFrame({"channel": ["a.force", "b.force"], "status": status, "unit": "N", "points": 4})
+    lines = lines.assign(residual_largest=[0.25, 0.5], told="is the channel dead?")
+    changes = pd.DataFrame(
+        {"channel": lines["channel"], "plausible": plausible, "ratio": 1.1, "at_zero": 2.0, "unit": "N"}
+    )
+    told = [*describe_lines(lines, changes)]
+    assert [words for words, each in zip(found, told, strict=True) if words not in each] == []
+    assert ("0.5 N of force (b.force, 4 points)" in told[0]) == (status[1] == "calibrated")
+    assert ("1.1 times the value per count" in " ".join(told)) == (status[0] == "calibrated" and not plausible)
+    assert [words for words, each in zip(advised, advise(lines), strict=True) if words not in each] == []
 
 
 def test_pressure_is_there_only_while_its_point_is_recorded(emulator):
