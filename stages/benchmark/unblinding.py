@@ -14,6 +14,7 @@ from pipeline.context import Context
 from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
+from stages.science.discrepancy.report_text import say_sure
 from stages.science.rig.sessions import seal_truth
 
 COMPARISON_WITH_TRUTH = Table(
@@ -104,7 +105,7 @@ def _describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, 
     if first.empty:
         return f"Nothing was named, which is {'wrong' if true else 'right'}."
     said_so = zip(first["name"], first["probability"], strict=True)
-    names = " and ".join(f"{_in_words(name)} ({p:.2f})" for name, p in said_so)
+    names = " and ".join(f"{_in_words(name)} (probability {say_sure(p)})" for name, p in said_so)
     like = set(str(first["indistinguishable_from"].iloc[0]).split(","))
     if set(first["name"]) == true:
         verdict = "right"

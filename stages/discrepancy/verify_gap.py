@@ -42,6 +42,7 @@ from stages.science.discrepancy.report_text import (
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
+from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.signature import trace_effects
 from stages.science.discrepancy.verdict import (
     describe_effects,
@@ -195,10 +196,11 @@ def verify_gap(
     }
     ctx.verdict(verdict)
     predictions = list_predictions(verified, dataset, last, settings.level)
+    spoken = " and ".join(name_signal(each)[0] for each in concerned)
     ctx.figure(
         "gap_waterfall",
         draw_gap_waterfall(verification[verification["part"] == TEST]),
-        f"Gap on verification trials, step by step, over {' and '.join(concerned)}, with intervals over trials.",
+        f"Gap on verification trials, step by step, over {spoken}, with {settings.level:.0%} intervals over trials.",
     )
     draw_trials(predictions, channels[channels["channel"].isin(concerned)], ctx)
     if status == "named":

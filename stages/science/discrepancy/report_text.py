@@ -41,7 +41,7 @@ def describe_verdict(
     if verdict["status"] == "no_discrepancy":
         gap = verdict["gap"]
         return [
-            f"Nothing that matters is missing, with probability {_sure(1.0 - verdict['missing_probability'])}: on "
+            f"Nothing that matters is missing, with probability {say_sure(1.0 - verdict['missing_probability'])}: on "
             f"{_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
             f"{_compare_with_floor(gap['before'], gap['noise_floor'])}; in its worst channel it is at most "
             f"{gap['over_floor']['high']:.2f} times the floor ("
@@ -73,8 +73,9 @@ def _compare_with_floor(gap: float, floor: float, first: float = 0.0) -> str:
 
 def _describe_suspected(verdict: Mapping[str, Any]) -> list[str]:
     return [
-        f"Suspected, and not added to the plant: {_spell(each['name'])} on {_join(each['muscles'])} (probability "
-        f"{_sure(each['probability'])}; p = {each['p_value']:.2g} that trials left out of the fit gain nothing by it)."
+        f"Suspected, and not added to the plant: {_spell(each['name'])} on {_join(each['muscles'])} "
+        f"(probability {say_sure(each['probability'])}; p = {each['p_value']:.2g} that trials left out of the fit gain "
+        "nothing by it)."
         for each in verdict["suspected"]
     ]
 
@@ -98,7 +99,8 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
         "above the noise; that has no name in the library."
     )
     them = "it" if len(effects) == 1 else "them"
-    doubt_of_gap = f"interval {_percent(gap['low'])} to {_percent(gap['high'])}, p = {gap['p_value']:.2g}"
+    ends = f"{_percent(gap['low'])} to {_percent(gap['high'])}"
+    doubt_of_gap = f"{_percent(settings.level)} interval {ends}, p = {gap['p_value']:.2g}"
     if len(verdict["verification_trials"]) == 1:
         doubt_of_gap = "one trial gives neither interval nor p-value"
     closing = (
@@ -139,7 +141,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     near = ""
     if nearest:
         near = (
-            f" Of the names, {_spell(nearest['name'])} comes nearest (probability {_sure(nearest['probability'])}): "
+            f" Of the names, {_spell(nearest['name'])} comes nearest (probability {say_sure(nearest['probability'])}): "
             f"with it the gap of trials left out of the fit goes from {_percent(alone)} to "
             f"{_percent(nearest['heldout_gap'])} of range."
         )
@@ -155,7 +157,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
         reproducible = f"{family} takes away {_percent(share)} of what is above the noise"
         reproducible += f"; beside it {hum}" if line_hz is not None else ""
     return [
-        f"Something is missing (probability {_sure(verdict['missing_probability'])}) that no effect of the library "
+        f"Something is missing (probability {say_sure(verdict['missing_probability'])}) that no effect of the library "
         f"explains better than what has no name: {reproducible}.{near} Nothing is named{unchanged}.",
         on_test,
         *_describe_suspected(verdict),
@@ -384,6 +386,11 @@ def describe_bands(bands: Mapping[str, float]) -> str:
     return f"{text}: they are wider than need be." if bands["low"] > bands["level"] else f"{text}."
 
 
+def say_sure(probability: float) -> str:
+    """Return a probability as far as it can be told."""
+    return "above 0.99" if probability > 0.995 else "below 0.01" if probability < 0.005 else f"{probability:.2f}"
+
+
 def join_names(names: Sequence[str]) -> str:
     """Return names of effects, ``none`` among them perhaps, as they stand in a sentence."""
     return _join([_spell(each) if each != "none" else "no further effect" for each in names])
@@ -400,11 +407,11 @@ def describe_proposal(rivals: Mapping[str, float], weighed: Proposed | None, lea
             f"drives the machine to tell {told} apart."
         )
     best = weighed.order[0]
-    now, then = _sure(weighed.expected_now), _sure(float(weighed.probability[best]))
+    now, then = say_sure(weighed.expected_now), say_sure(float(weighed.probability[best]))
     if weighed.gain < least_gain:
         return (
-            f"No further trial is proposed, as none would tell {told} apart: the best of these kinds "
-            f"({weighed.spell(best)}) is expected to raise the true one's probability from {now} to {then} only."
+            f"No further trial is proposed: the best of these kinds ({weighed.spell(best)}) is expected to raise the "
+            f"probability of the true one of {told} from {now} to {then} only."
         )
     evidence = f"expected evidence {weighed.mean_evidence[best]:.3g} nats"
     return (
@@ -450,14 +457,16 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
     alike_names = (effect["name"], *effect["indistinguishable_from"])
     others = [each for each in ranking if _is_candidate(each) and each["name"] not in alike_names]
     following = min(others, key=lambda each: (-round(each["probability"], 3), each["heldout_gap"]), default=None)
-    second = f"; next is {_spell(following['name'])}, {_sure(following['probability'])}" if following and first else ""
+    second = (
+        f"; next is {_spell(following['name'])}, {say_sure(following['probability'])}" if following and first else ""
+    )
     optional = [_describe_size(effect, each) for each in known.parameters if each.optional]
     sizes = " ".join(filter(None, optional)) or _describe_size(effect, known.parameters[0])
     like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
     alike = f" that it is this or {like}" if like else ""
     text = (
         f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
-        f"(probability {_sure(effect['probability'])}{alike}{second}): {known.signature}. {sizes}"
+        f"(probability {say_sure(effect['probability'])}{alike}{second}): {known.signature}. {sizes}"
     )
     if effect["name"] == QUANTISATION:
         text += " Its rounding is a part of the noise floor that matters, and no model takes it away."
@@ -508,10 +517,6 @@ def _is_candidate(row: Mapping[str, Any]) -> bool:
 def _count(verdict: Mapping[str, Any]) -> str:
     trials = len(verdict["verification_trials"])
     return f"{trials} trial{'s' if trials > 1 else ''}"
-
-
-def _sure(probability: float) -> str:
-    return "above 0.99" if probability > 0.995 else "below 0.01" if probability < 0.005 else f"{probability:.2f}"
 
 
 def _percent(value: float) -> str:
