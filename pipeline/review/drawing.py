@@ -56,9 +56,9 @@ def draw_curves(curves: Curves) -> Picture:
 
 
 def draw_metrics(sweep: Sweep) -> Iterator[tuple[str, list[Picture], str]]:
-    """Yield each metric's heading, its pictures, and why it has none, or not all."""
+    """Yield each metric's heading, its pictures, and why it has none, or not all; the last, which decides, first."""
     left, drawn = sweep.axes[MOST_AXES:], 0
-    for metric in sweep.metrics:
+    for metric in reversed(sweep.metrics):
         points, head = sweep.points(metric), add_unit(sweep.title(metric), sweep.units.get(metric, "1"))
         if len(points) < 2:
             yield head, [], f"{len(points) or 'no'} job that is done has it as a number: nothing to draw"

@@ -29,6 +29,7 @@ from pipeline.review.selection import keep_rows, read_condition, sort_rows
 from pipeline.review.sweep_view import Sweep, describe_extremes, find_sweep, propose_seeds
 from pipeline.sweeps.launch import list_launches
 from pipeline.sweeps.sweep_table import write_frame
+from pipeline.table import TITLES
 from pipeline.terminal import say
 
 FILE_NAME = "sweep.html"
@@ -90,7 +91,9 @@ def _write_page(sweep: Sweep) -> None:
     shown: list[Block] = [("command", each) for each in commands]
     told = describe_extremes(sweep)
     typed = launches[-1].get("arguments") if launches else None
-    more = [("command", propose_seeds(sweep, typed))] if typed else shown[-1:]
+    more: list[Block] = []
+    if typed and any("not told apart" in each or "so few" in each for each in told):
+        more = [("heading", TITLES["advice"]), ("prose", [propose_seeds(sweep, typed)])]
     write_page(
         sweep.folder / FILE_NAME,
         title=f"sweep {sweep.folder.name}",

@@ -142,13 +142,10 @@ def describe_extremes(sweep: Sweep) -> list[str]:
         told = []
         for value, row in found.loc[[found["mean"].idxmin(), found["mean"].idxmax()]].iterrows():
             half = "" if np.isnan(row["half"]) else f" ± {row['half']:.2g}"
-            told.append(f"with {key}={value}, {format_value(row['mean'])}{half}{sweep.unit(metric)}")
+            told.append(f"with {key}={value}, {row['mean']:.3g}{half}{sweep.unit(metric)}")
         sentences.append(f"{sweep.title(metric)} is least {told[0]}, and most {told[1]}: {doubt}.")
-    doubtful = any("not told apart" in each or "so few" in each for each in sentences)
     if sentences:
         sentences.append("Means over jobs, with half of the mean's 95 % interval (t) where jobs repeat.")
-    if doubtful:
-        sentences.append("More seeds tell more; as many again are added to this sweep by the command below.")
     return sentences
 
 
@@ -168,20 +165,25 @@ def compare_values(points: pd.DataFrame, key: str) -> tuple[float, str]:
             between = blocks * crossed.mean(axis=0).var() * values / (values - 1)
             within = (left**2).sum() / ((values - 1) * (blocks - 1))
             ratio = between / within if within > 0 else np.inf
-            return float(f.sf(ratio, values - 1, (values - 1) * (blocks - 1))), "analysis of variance in blocks"
+            return float(
+                f.sf(ratio, values - 1, (values - 1) * (blocks - 1))
+            ), f"analysis of variance within the same {' and '.join(others)}"
     grouped = [values.to_numpy() for _, values in points.groupby(key)["value"]]
     return float(f_oneway(*grouped).pvalue), "one-way analysis of variance"
 
 
 def propose_seeds(sweep: Sweep, arguments: Sequence[str]) -> str:
-    """Return the command that adds as many seeds again to a sweep, from the arguments of its last launch."""
+    """Return a sentence with the command that adds as many seeds again, from the arguments of the last launch."""
+    told = (
+        "Further seeds tell more; fix beforehand how many, as p is too small where seeds are added until it is small:"
+    )
     key = next(iter(sweep.seeds), "seed")
     known = sweep.varying.get(key, [])
     count = 2 * len(known) or 8
     if {*known} <= {str(each) for each in range(count)}:
         kept = [each for each in arguments if each.partition("=")[0] != key]
-        return command_line([*kept, f"{key}=range({count})"])
-    return command_line(list(arguments))
+        return f"{told} {command_line([*kept, f'{key}=range({count})'])}"
+    return f"{told} {command_line(list(arguments))}"
 
 
 def find_sweep(outputs: str | Path, name: str) -> Sweep:

@@ -338,6 +338,11 @@ def describe_learning(
         least = min((row["p_holm"] for row in left if not pd.isna(row["p_holm"])), default=None)
         doubt = "so few experiments tell nothing of chance" if least is None else f"p = {least:.2g} or more"
         told.append(f"Not told apart from trajectories chosen {' or '.join(ends)}: {doubt}.")
+    better = compared[(compared["measure"] == "final") & (compared["verdict"] == "control better")]
+    for row in better[better["tested_on"].isin(tests[1:])].to_dict("records"):
+        told.append(
+            f"On {DESCRIBED[row['tested_on']]}, those chosen {choose_by(row['control'])} end {_describe_lead(row)}."
+        )
     return told
 
 
@@ -348,14 +353,17 @@ def choose_by(arm: str) -> str:
 
 def _compare_with(row: Mapping[Any, Any], reached: pd.Index, trials: int) -> str:
     """Return how a control ended that differs from the design, by a row of `paired_comparison`."""
-    ends = sorted(abs(100 * row[name]) for name in ("low", "high"))
-    by = f"by {100 * abs(row['difference']):.2g} points (95 % interval {ends[0]:.2g} to {ends[1]:.2g}, p = "
-    by += f"{row['p_holm']:.2g})"
     text = f"With trajectories chosen {choose_by(row['control'])} they end at {_percent(row['control_mean'])}"
     if row["verdict"] == "control better":
-        return f"{text}, which is better {by}."
-    when = f", and is as good as they end after trial {int(reached[0])} of {trials}" if len(reached) else ""
-    return f"{text}: the design ({spell_arm(row['design'])}) is better {by}{when}."
+        return f"{text}, which is {_describe_lead(row)}."
+    when = f", and reaches that error by trial {int(reached[0])} of {trials}" if len(reached) else ""
+    return f"{text}: the design ({spell_arm(row['design'])}) is {_describe_lead(row)}{when}."
+
+
+def _describe_lead(row: Mapping[Any, Any]) -> str:
+    ends = sorted(abs(100 * row[name]) for name in ("low", "high"))
+    doubt = f"95 % interval {ends[0]:.2g} to {ends[1]:.2g}, p = {row['p_holm']:.2g}, paired over experiments"
+    return f"better by {100 * abs(row['difference']):.2g} points ({doubt})"
 
 
 def advise(compared: pd.DataFrame, tested_on: str, arms: Sequence[str]) -> list[str]:

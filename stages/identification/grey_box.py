@@ -290,10 +290,10 @@ def describe_rungs(summary: pd.DataFrame, tests: Sequence[str]) -> list[str]:
     first, *others = sorted(rows, key=lambda row: tests.index(row["tested_on"]))
     rates = {name: f"{100 * first[name]:.2g} %" for name in RUNGS}
     told = [
-        f"Models on the amended plant err by {rates[GREY_BOX]} of the largest force on {WORDS[first['tested_on']]} "
-        f"(mean of {first['experiments']} experiment{'s' * (first['experiments'] > 1)}); the designed trials' models "
-        f"alone err by {rates[PROCESS]}, the amended plant alone by {rates[AMENDED]}, the plant as it was before the "
-        f"search by {rates[NOMINAL]}."
+        f"Models on the amended plant (grey box) err by {rates[GREY_BOX]} of the largest force on "
+        f"{WORDS[first['tested_on']]} (mean of {first['experiments']} experiment{'s' * (first['experiments'] > 1)}); "
+        f"the designed trials' models alone (Gaussian process) err by {rates[PROCESS]}, the amended plant alone by "
+        f"{rates[AMENDED]}, the plant as it was before the search by {rates[NOMINAL]}."
     ]
     where = [f"{100 * row[GREY_BOX]:.2g} % on {WORDS[row['tested_on']]}" for row in others]
     held = [f"{100 * row['grey_box_covered']:.0f} %" for row in (first, *others)]

@@ -304,11 +304,10 @@ def test_values_of_a_key_are_told_apart_or_not_in_blocks_of_the_same_seed(shift,
     jobs = {"job": list("abcdefgh"), "gain": [1] * 4 + [2] * 4, "seed": seeds, "status": "done"}
     found = Sweep(tmp_path, pd.DataFrame({**jobs, "score": score, "wall_s": 1.0}), {"score": {"unit": "m"}})
     sentences = describe_extremes(found)
-    assert sentences[0].startswith("score is least with gain=1, 1.025 ± 0.27 m, and most with gain=2, ")
+    assert sentences[0].startswith("score is least with gain=1, 1.02 ± 0.27 m, and most with gain=2, ")
     assert told in sentences[0]
     test = ttest_rel if crossed else ttest_ind
     assert f"p = {test(score[:4], score[4:]).pvalue:.2g}, " in sentences[0]
-    assert any("More seeds" in each for each in sentences) == (not shift)
     told = propose_seeds(found, ["-m", "seed=0,1", "gain=1,2"])
     assert told.endswith(f"-m pipeline -m gain=1,2 'seed=range({2 * len({*seeds})})'")
 
