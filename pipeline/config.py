@@ -13,11 +13,20 @@ import re
 import typing
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal
+from typing import Annotated, Any, ClassVar, Literal, Self
 
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
-from pydantic import BaseModel, BeforeValidator, ConfigDict, Field, TypeAdapter, ValidationError, field_validator
+from pydantic import (
+    BaseModel,
+    BeforeValidator,
+    ConfigDict,
+    Field,
+    TypeAdapter,
+    ValidationError,
+    field_validator,
+    model_validator,
+)
 from pydantic.errors import PydanticSchemaGenerationError
 
 from pipeline.errors import ConfigError, suggest
@@ -123,6 +132,31 @@ def _check_name(value: Any) -> Any:
     )
 
 
+class Tracking(Section):
+    """Where runs are copied to for colleagues to see, and how long a command waits for that (s)."""
+
+    uri: Text | None
+    experiment: Text
+    within_s: Annotated[float, Field(gt=0)]
+    largest_file_mb: Annotated[float, Field(gt=0)]
+
+    @model_validator(mode="after")
+    def _be_installed(self) -> Self:
+        if importlib.util.find_spec("mlflow") is None:
+            raise ValueError("MLflow is not installed; type: pip install -e '.[tracking]', or leave tracking= out")
+        return self
+
+    @field_validator("uri")
+    @classmethod
+    def _hold_no_secret(cls, uri: str | None) -> str | None:
+        if uri is not None and re.match(r"https?://[^/]*@", uri):
+            raise ValueError(
+                "expected an address without name and password, as a run's folder keeps it; set "
+                "MLFLOW_TRACKING_USERNAME and MLFLOW_TRACKING_PASSWORD in the environment instead"
+            )
+        return uri
+
+
 class Settings(Section):
     """The keys that the pipeline itself reads; of them, only the seed reaches a stage, if the stage declares it."""
 
@@ -137,6 +171,7 @@ class Settings(Section):
     on_failure: Literal["continue", "stop"]
     on_finished: Literal["keep", "refresh"]
     interface: Text
+    tracking: Tracking | None
 
 
 @dataclass(frozen=True)

@@ -5,8 +5,10 @@ from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any
 
 ABSENT = "absent"
-INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "interface")
+INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "interface", "tracking")
 """Keys that change no result; nor does the section that ``interface`` names."""
+SHOWN = ("workflow.headline", "workflow.metrics", "workflow.curves", "workflow.quoted")
+"""Sections that say how a run is told, not what it computes."""
 
 
 def flatten(values: Any, path: str = "", form: Callable[[Any], str] | None = None) -> dict[str, str]:
@@ -30,6 +32,12 @@ def flatten(values: Any, path: str = "", form: Callable[[Any], str] | None = Non
 def show(value: Any) -> str:
     """Return a value as it stands in YAML."""
     return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
+
+
+def is_incidental(key: str) -> bool:
+    """Return whether runs that differ in a key compute the same nevertheless."""
+    parts = key.split(".")
+    return parts[0] in (*INCIDENTAL, "stages") or ".".join(parts[:2]) in SHOWN
 
 
 def is_seed(key: str) -> bool:

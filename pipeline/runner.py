@@ -11,7 +11,7 @@ import os
 import shutil
 import time
 import warnings
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -36,6 +36,7 @@ from pipeline.stage import Stage
 from pipeline.sweeps.launch import name_job
 from pipeline.table import measure_file, read_frame
 from pipeline.terminal import complain, open_console, say
+from pipeline.tracking.follower import following
 from pipeline.workers import count_cores
 
 log = logging.getLogger("pamid")
@@ -51,7 +52,7 @@ class Runner:
     The stages are all of the workflow, in the order of the data; the arguments are the overrides as typed, for the
     command that resumes; `given` are files that gave options of config groups, for the ledger. A job of a sweep must
     have its `place`; another run gets a folder of its own. The `workers` count where the configuration leaves them
-    open.
+    open. `follow` is called with the run's folder once it is known.
     """
 
     study: Study
@@ -61,6 +62,7 @@ class Runner:
     given: Sequence[dict[str, str]] = ()
     place: Path | None = None
     workers: int | None = None
+    follow: Callable[[Path], None] = lambda folder: None
     _interface: Any = field(default=None, init=False)
     _connection: Any = field(default=None, init=False)
 
@@ -95,6 +97,7 @@ class Runner:
         steps = self._plan()
         finished = self._finished_run(steps)
         if finished:
+            self.follow(finished.folder)
             for step in steps:
                 self._print_step(step)
             self._finish(finished, "everything is fresh: nothing to run")
@@ -121,6 +124,7 @@ class Runner:
             ledger.save()
             (ledger.folder / PAGE_NAME).unlink(missing_ok=True)
             write_text(ledger.folder / "config.yaml", OmegaConf.to_yaml(OmegaConf.create(self.study.values)))
+            self.follow(ledger.folder)
             self._say(f"{'resuming' if held.resumed else 'run'} {ledger.folder}")
             log.info("%s: %s", "resumed" if held.resumed else "begun", command_line(self.arguments))
             for each in self.given:
@@ -409,7 +413,8 @@ def run_study(
     if study.settings.plan:
         runner.show_plan()
         return 0
-    return runner.run()
+    with following(runner.outputs, study.settings.tracking) as runner.follow:
+        return runner.run()
 
 
 def _read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[str, dict[str, Any]]:

@@ -15,7 +15,7 @@ from rich.console import Console
 from pipeline.command import review_line
 from pipeline.errors import ConfigError, PipelineError, suggest
 from pipeline.files import hash_json
-from pipeline.flat import ABSENT, flatten, list_differences
+from pipeline.flat import ABSENT, flatten, is_incidental, list_differences
 from pipeline.ledger import Ledger
 from pipeline.page import Block, Section, make_details, make_grid, make_rows, write_page
 from pipeline.printing import (
@@ -29,7 +29,7 @@ from pipeline.printing import (
     shorten,
     show_metric,
 )
-from pipeline.review.curves import Curves, is_incidental, make_curves
+from pipeline.review.curves import Curves, make_curves
 from pipeline.review.kept import (
     list_headlines,
     list_tables,

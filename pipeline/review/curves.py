@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 import pandas as pd
 
-from pipeline.flat import INCIDENTAL, is_seed, list_differences
+from pipeline.flat import is_incidental, is_seed, list_differences
 from pipeline.ledger import Ledger
 from pipeline.printing import add_unit, join_some, shorten
 from pipeline.review.kept import list_tables, read_whole_table
@@ -22,8 +22,6 @@ from pipeline.sweeps.sweep_table import split_overrides
 if TYPE_CHECKING:
     from pipeline.config import Curve
 
-SHOWN = ("workflow.headline", "workflow.metrics", "workflow.curves", "workflow.quoted")
-"""Sections that say how a run is told, not what it computes."""
 NOT_SET = "not set"
 LONGEST_VALUE = 24
 CONFIDENCE = 0.95
@@ -48,12 +46,6 @@ class Curves(NamedTuple):
     y: str
     lines: list[Line]
     told: str
-
-
-def is_incidental(key: str) -> bool:
-    """Return whether runs that differ in a key compute the same nevertheless."""
-    parts = key.split(".")
-    return parts[0] in (*INCIDENTAL, "stages") or ".".join(parts[:2]) in SHOWN
 
 
 def half_width(spread: pd.Series, count: pd.Series) -> pd.Series:
@@ -134,13 +126,13 @@ def _make(
             twins.append(ledger.name)
             continue
         seen.add((group, kept["sha256"]))
-        frame, units = _average(read[0], curve), read[1]
+        frame, units = average_repeats(read[0], curve), read[1]
         if not frame.empty:
             frames.setdefault(group, {})[ledger.name] = frame
     lines = [
         Line(", ".join(filter(None, (value, labels[group]))) or curve.y, [*found], points)
         for group, found in frames.items()
-        for value, points in _split(pd.concat(found.values()), curve)
+        for value, points in split_series(pd.concat(found.values()), curve)
     ]
     if not lines:
         return None
@@ -154,7 +146,7 @@ def _make(
     return Curves(name, x, add_unit(curve.title or curve.y, units.get(curve.y, "1")), lines, told)
 
 
-def _average(frame: pd.DataFrame, curve: Curve) -> pd.DataFrame:
+def average_repeats(frame: pd.DataFrame, curve: Curve) -> pd.DataFrame:
     """Return one value of y for each repeat, series and x of a run."""
     for column, value in curve.where.items():
         frame = frame[frame[column].isin(value if isinstance(value, list) else [value])]
@@ -164,7 +156,7 @@ def _average(frame: pd.DataFrame, curve: Curve) -> pd.DataFrame:
     return found.groupby(keys, sort=False)[curve.y].mean().reset_index()
 
 
-def _split(frame: pd.DataFrame, curve: Curve) -> Iterator[tuple[str, pd.DataFrame]]:
+def split_series(frame: pd.DataFrame, curve: Curve) -> Iterator[tuple[str, pd.DataFrame]]:
     """Yield what tells a series from the others of its runs, and its points."""
     for values, part in frame.groupby(curve.by, sort=False) if curve.by else [((), frame)]:
         found = part.groupby(curve.x)[curve.y].agg(["mean", "std", "count"]).reset_index(names="x")

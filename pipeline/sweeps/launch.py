@@ -145,4 +145,4 @@ def name_job(overrides: Sequence[str]) -> str:
 def is_meaningful(override: str) -> bool:
     """Return whether an override says something of what a job computes."""
     key = override.partition("=")[0].lstrip("+~")
-    return key not in INCIDENTAL and not key.startswith("hydra")
+    return key.partition(".")[0] not in INCIDENTAL and not key.startswith("hydra")

@@ -39,6 +39,7 @@ from pipeline.printing import format_count
 from pipeline.runs import is_running, live_status, sweeps_folder
 from pipeline.sweeps.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
 from pipeline.terminal import complain, say
+from pipeline.tracking.follower import following
 
 MULTIRUN = ("-m", "--multirun")
 MOST_LISTED = 20
@@ -108,9 +109,11 @@ def run_sweep(
             f"cannot write to {folder} ({error.strerror}); free the folder, or choose another with sweep=NAME or "
             "outputs=PATH"
         ) from None
-    with _stopping(launch) as stopped:
-        _supervise(launch, lambda: _launch(launch, base, lists, config_folder), stopped)
-    return _print_end(launch, list(typed), stopped)
+    with following(settings.outputs, settings.tracking) as follow:
+        follow(folder)
+        with _stopping(launch) as stopped:
+            _supervise(launch, lambda: _launch(launch, base, lists, config_folder), stopped)
+        return _print_end(launch, list(typed), stopped)
 
 
 def describe_plan(folder: Path, jobs: Mapping[str, Sequence[str]], on_finished: str) -> Iterator[str]:
