@@ -15,6 +15,7 @@ from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Literal, Self
 
+import yaml
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import MissingMandatoryValue, OmegaConfBaseException
 from pydantic import (
@@ -30,7 +31,7 @@ from pydantic import (
 from pydantic.errors import PydanticSchemaGenerationError
 
 from pipeline.errors import ConfigError, suggest
-from pipeline.files import hash_json
+from pipeline.files import CONFIG_FOLDER, hash_json
 from pipeline.flat import INCIDENTAL
 from pipeline.renames import find_today
 from pipeline.stage import Stage, load_stages, order_stages
@@ -252,6 +253,12 @@ def read_settings(values: Mapping[str, Any]) -> Settings:
     """Validate the pipeline's own keys."""
     own = {name: values[name] for name in Settings.model_fields if name in values}
     return typing.cast(Settings, _validate(Settings, own, ()))
+
+
+def read_tracking(name: str, given: Mapping[str, str]) -> Tracking:
+    """Return the section that ``tracking=NAME`` chooses, with the values that were given for some of its keys."""
+    text = (CONFIG_FOLDER / "tracking" / f"{name}.yaml").read_text(encoding="utf-8")
+    return typing.cast(Tracking, _validate(Tracking, {**yaml.safe_load(text), **given}, ("tracking",)))
 
 
 def _validate_study(values: dict[str, Any], settings: Settings, stages: Sequence[Stage]) -> Study:

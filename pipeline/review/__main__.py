@@ -1,4 +1,4 @@
-"""Looks at runs and sweeps from the terminal: ``python -m pipeline.review list | show | compare | sweep | prune``.
+"""Looks at runs and sweeps: ``python -m pipeline.review list | show | compare | sweep | export | prune``.
 
 The folder of outputs flows in, text flows out, and a page where one is made; no run is changed but by ``prune``.
 """
@@ -81,7 +81,9 @@ def _show_run(ledger: Ledger, outputs: str, console: Console) -> None:
 def _make_parser() -> argparse.ArgumentParser:
     parser = argparse.ArgumentParser(prog="python -m pipeline.review", description="Look at runs and their tables.")
     parser.add_argument("--outputs", default="outputs", metavar="PATH", help=OUTPUTS_HELP)
-    commands = parser.add_subparsers(dest="command", required=True, metavar="list | show | compare | sweep | prune")
+    commands = parser.add_subparsers(
+        dest="command", required=True, metavar="list | show | compare | sweep | export | prune"
+    )
 
     def add(name: str, told: str, act: Callable[[argparse.Namespace, Console], int | None]) -> argparse.ArgumentParser:
         command = commands.add_parser(name, help=told, description=f"{told[0].upper()}{told[1:]}.")
@@ -112,6 +114,13 @@ def _make_parser() -> argparse.ArgumentParser:
     swept.add_argument("sweep", metavar="DIR|NAME", help="its name, its folder, or latest")
     swept.add_argument("--all", action="store_true", help="all columns, not those alone that vary")
     _add_selection(swept)
+    exported = add("export", "copy runs and sweeps to where colleagues look", _act_of("export"))
+    exported.add_argument("runs", metavar="RUN|SWEEP", nargs="*", help="as of show, or a sweep's name (default: all)")
+    exported.add_argument("--to", required=True, choices=["mlflow"], help="what they are copied to")
+    exported.add_argument(
+        "--uri", help="of a server or store, as of tracking.uri (default: a store in the outputs folder)"
+    )
+    exported.add_argument("--experiment", metavar="NAME", help="MLflow's experiment (default: pamid)")
     from_0 = partial(_count, least=0)
     pruned = add("prune", "remove all but the newest runs, and those that something needs", _act_of("prune"))
     pruned.add_argument("--keep", type=from_0, required=True, metavar="N", help="runs to keep, the newest")

@@ -1,4 +1,4 @@
-"""Where runs are copied to: the tracking section of a configuration flows in; an address, and how to see it, flow out."""
+"""Where runs are copied to: a tracking section flows in; an address, and how to look at it, flow out."""
 
 from __future__ import annotations
 

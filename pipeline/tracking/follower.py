@@ -12,11 +12,8 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from pathlib import Path
 
-import yaml
-
 from pipeline.command import review_line
-from pipeline.config import Tracking
-from pipeline.files import CONFIG_FOLDER
+from pipeline.config import Tracking, read_tracking
 from pipeline.terminal import complain, say
 from pipeline.tracking.destination import Destination, find_destination
 from pipeline.tracking.queue import mark
@@ -62,7 +59,7 @@ def following(outputs: str, tracking: Tracking | None) -> Iterator[Callable[[Pat
     if process.returncode == 0:
         say(f"sent to MLflow; to look at it: {destination.look()}")
     else:
-        again = export_line(destination, told)
+        again = _export_line(destination, told)
         complain(f"not sent to MLflow: {reason}; the next command with tracking=mlflow sends it, or type: {again}")
 
 
@@ -81,15 +78,9 @@ def _wait(process: subprocess.Popen[bytes], within_s: float) -> str | None:
     return None
 
 
-def read_tracking(name: str) -> Tracking:
-    """Return the section that ``tracking=NAME`` chooses."""
-    path = CONFIG_FOLDER / "tracking" / f"{name}.yaml"
-    return Tracking.model_validate(yaml.safe_load(path.read_text(encoding="utf-8")))
-
-
-def export_line(destination: Destination, folders: Sequence[Path]) -> str:
+def _export_line(destination: Destination, folders: Sequence[Path]) -> str:
     """Return the command that sends folders of an outputs folder."""
-    usual = read_tracking("mlflow")
+    usual = read_tracking("mlflow", {})
     options = [] if destination.is_own else ["--uri", destination.uri]
     options += [] if destination.experiment == usual.experiment else ["--experiment", destination.experiment]
     jobs = [f"{each.parent.name}/{each.name}" if each.parent.parent.name == "sweeps" else each.name for each in folders]

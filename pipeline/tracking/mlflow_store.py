@@ -124,7 +124,8 @@ class Store:
         word = "new" if run is None else "updated"
         if run is None:
             begun = _milliseconds(entry.started)
-            run = self.client.create_run(self.experiment, begun, {KEY: entry.key, WITHIN: entry.within}, entry.name)
+            within = {WITHIN: entry.within} if entry.within else {}
+            run = self.client.create_run(self.experiment, begun, {KEY: entry.key} | within, entry.name)
         number = str(run.info.run_id)
         left_out = self._log_files(number, entry) if entry.files else []
         self._log_values(run, entry, parent, left_out)
@@ -207,7 +208,9 @@ class Store:
         if found is None:
             database = self.destination.database
             place = (database.absolute().parent / "artifacts").as_uri() if database else None
-            return str(self.client.create_experiment(name, place))
+            return str(
+                self.client.create_experiment(name, place, {"mlflow.experimentKind": "custom_model_development"})
+            )
         if found.lifecycle_stage != "active":
             raise PipelineError(f"experiment {name} was deleted in MLflow; restore it there, or choose another")
         return str(found.experiment_id)
