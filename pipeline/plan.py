@@ -25,6 +25,8 @@ LONGEST_VALUE = 60
 """Characters of a value in a reason."""
 MOST_NAMED = 2
 """Changes of one kind that a reason names."""
+MOST_COMPARED = 100
+"""Earlier results of a stage, the newest, of which the most similar one tells what changed."""
 
 
 @dataclass(frozen=True)
@@ -193,8 +195,8 @@ def _leave_out(config: Mapping[str, Any], key: Sequence[str]) -> dict[str, Any]:
 
 
 def _describe_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> str:
-    """Say in two phrases how a stage differs from the most similar of its records, the newest among equals."""
-    records = [record for each in ledgers if (record := each.finished(stage.name))]
+    """Say in two phrases how a stage differs from the most similar of its newest records, the newest among equals."""
+    records = [record for each in ledgers if (record := each.finished(stage.name))][:MOST_COMPARED]
     if not records:
         return "not made before"
     nearest = min(records, key=lambda record: sum(map(len, ingredients.differences(record).values())))

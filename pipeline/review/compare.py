@@ -282,7 +282,8 @@ def _fold_sections(flat: Sequence[Mapping[str, str]], depth: int = 2) -> list[di
     """Return configurations in which what only some runs have, down to a depth, is one key, which says what it has."""
     folded = [dict(each) for each in (flat if depth == 1 else _fold_sections(flat, depth - 1))]
     found = [Counter(_begin(key, depth) for key in each if key.count(".") >= depth) for each in folded]
-    partly = {name for each in found for name in each if not all(name in others for others in found)}
+    having = Counter(name for each in found for name in each)
+    partly = {name for name, count in having.items() if count < len(found)}
     for each, counts in zip(folded, found, strict=True):
         for key in [key for key in each if _begin(key, depth) in partly and key.count(".") >= depth]:
             del each[key]

@@ -13,8 +13,8 @@ from pipeline.tracking.destination import find_destination
 from pipeline.tracking.entries import is_sweep
 from pipeline.tracking.queue import clear
 
-REQUEST_S = 30.0
-"""Longest wait for an answer of a server, s."""
+REQUEST_S, RETRIES = 30.0, 2
+"""Longest wait for an answer of a server, s, and how often it is asked again."""
 
 
 def review(options: argparse.Namespace, console: Console) -> None:
@@ -26,7 +26,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
     from pipeline.tracking.mlflow_store import Store  # which takes seconds
 
     try:
-        store = Store(destination, tracking.largest_file_mb, REQUEST_S)
+        store = Store(destination, tracking.largest_file_mb, REQUEST_S, RETRIES)
         for folder in folders:
             counts = store.send(folder)
             clear(destination, folder)

@@ -1,7 +1,7 @@
 """A sweep on the terminal, its table and its page: the sweep's folder flows in, text and two files flow out."""
 
 import argparse
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 from urllib.parse import quote
 
@@ -38,6 +38,7 @@ MOST_DIFFERENCES = 200
 MOST_JOBS_WITH_RESULTS = 12
 MOST_ROWS_OF_RESULTS = 12
 MOST_JOBS_OF_A_KIND = 20
+MOST_COMPARED = 200
 MOST_COMMANDS = 5
 
 
@@ -84,8 +85,8 @@ def _describe_counts(sweep: Sweep) -> str:
 
 
 def _write_page(sweep: Sweep) -> None:
-    ledgers = {job: found for job in sweep.frame["job"] if (found := Ledger.look(sweep.folder / job))}
-    done = [found for job, found in ledgers.items() if job not in sweep.unfinished]
+    jobs = sweep.frame["job"][sweep.frame["started"].notna()]
+    done = [job for job in jobs if job not in sweep.unfinished]
     launches = [*list_launches(sweep.folder)][-MOST_COMMANDS:]
     commands = [str(each.get("command", "-")) for each in launches]
     shown: list[Block] = [("command", each) for each in commands]
@@ -103,17 +104,17 @@ def _write_page(sweep: Sweep) -> None:
         opening=[],
         sections=[
             Section("Found", [("finding", told), *more] if told else []),
-            Section("Failures", _show_failures(sweep, ledgers)),
+            Section("Failures", _show_failures(sweep)),
             Section("Metrics", _show_metrics(sweep)),
             Section("Jobs", _show_jobs(sweep)),
-            Section("Results", _show_results(done)),
+            Section("Results", _show_results(sweep, done)),
             Section(
                 "How it was made",
                 [
                     *shown,
-                    ("facts", _list_facts([*ledgers.values()])),
+                    ("facts", _list_facts(sweep)),
                     *_show_plan(sweep),
-                    make_details("differences", _show_differences(sweep, done or [*ledgers.values()])),
+                    make_details("differences", _show_differences(sweep, done or [*jobs])),
                 ],
             ),
         ],
@@ -155,13 +156,11 @@ def _link(sweep: Sweep, job: str) -> str:
     return f"./{quote(job)}/report.html" if (sweep.folder / job / "report.html").is_file() else ""
 
 
-def _list_facts(ledgers: Sequence[Ledger]) -> list[tuple[str, str]]:
-    started = [str(each.facts["started"]) for each in ledgers]
-    ended = [str(each.facts["ended"]) for each in ledgers if each.facts["ended"]]
-    seconds = sum(each.seconds for each in ledgers)
-    facts = [("Started", min(started))] if started else []
-    facts += [("Last ended", max(ended))] if ended else []
-    return [*facts, ("Work", f"{seconds:.1f} s in all jobs together")]
+def _list_facts(sweep: Sweep) -> list[tuple[str, str]]:
+    started, ended = (sweep.frame[name].dropna() for name in ("started", "ended"))
+    facts = [("Started", str(started.min()))] if len(started) else []
+    facts += [("Last ended", str(ended.max()))] if len(ended) else []
+    return [*facts, ("Work", f"{sweep.frame['wall_s'].sum():.1f} s in all jobs together")]
 
 
 def _list_axes(sweep: Sweep) -> dict[str, Any]:
@@ -173,11 +172,11 @@ def _list_axes(sweep: Sweep) -> dict[str, Any]:
     return make_rows(["key", "values", "value (jobs)", "taken for"], rows)
 
 
-def _show_failures(sweep: Sweep, ledgers: Mapping[str, Ledger]) -> list[Block]:
+def _show_failures(sweep: Sweep) -> list[Block]:
     """Return what finishes a sweep, and its failures by kind: by status and the traceback up to its last line."""
     kinds: dict[tuple[str, str], list[tuple[str, str, str]]] = {}
     for job, status in sweep.failed.items():
-        reason = describe_reason(ledgers.get(job), status)
+        reason = describe_reason(Ledger.look(sweep.folder / job), status)
         traceback = read_traceback(sweep.folder / job) if status == "failed" else ""
         kinds.setdefault((status, traceback.rpartition("\n")[0] or reason), []).append((job, reason, traceback))
     blocks: list[Block] = []
@@ -196,10 +195,10 @@ def _show_failures(sweep: Sweep, ledgers: Mapping[str, Ledger]) -> list[Block]:
     return blocks
 
 
-def _show_results(done: Sequence[Ledger]) -> list[Block]:
+def _show_results(sweep: Sweep, done: Sequence[str]) -> list[Block]:
     """Return what the reports of the first jobs begin with: sentences, or short tables where there are none."""
     results: list[Block] = []
-    for ledger in done:
+    for ledger in _look_at(sweep, done[:MOST_JOBS_WITH_RESULTS]):
         kept = list_tables(ledger)
         names = [each for each in list_headlines(read_config(ledger.folder)) if each in kept]
         short = [each for each in names if 0 < int(kept[each].get("rows", 0)) <= MOST_ROWS_OF_RESULTS]
@@ -208,8 +207,6 @@ def _show_results(done: Sequence[Ledger]) -> list[Block]:
         blocks = [block for each in told or read for block in show_frame(*each)]
         if blocks:
             results.append(make_details(ledger.folder.name, blocks, is_open=not results))
-        if len(results) == MOST_JOBS_WITH_RESULTS:
-            break
     if not results:
         return []
     part = f", of the first {len(results)} jobs that are done" if len(done) > len(results) else ""
@@ -220,12 +217,18 @@ def _complete(sentences: pd.DataFrame, ledger: Ledger) -> pd.DataFrame:
     return sentences.map(lambda each: complete(str(each), str(ledger.facts["command"]), str(ledger.folder)))
 
 
-def _show_differences(sweep: Sweep, ledgers: Sequence[Ledger]) -> list[Block]:
+def _show_differences(sweep: Sweep, jobs: Sequence[str]) -> list[Block]:
     """Return what jobs differ in beyond their overrides, each value with the number of jobs that have it."""
-    found = Comparison(tuple(ledgers), most=0, whole=False)
+    every = max(1, -(-len(jobs) // MOST_COMPARED))
+    found = Comparison(tuple(_look_at(sweep, jobs[::every])), most=0, whole=False)
     frame = found.configuration().set_axis(["key", "value (jobs)"], axis="columns")
     around = found.surroundings().set_axis(frame.columns, axis="columns")
     rows = pd.concat([frame[~frame["key"].isin(sweep.keys)], around]).head(MOST_DIFFERENCES)
     note = "Keys of the configuration that stages read and in which jobs differ, beyond what the command says; then "
     note += "code, libraries and machines."
+    note += f" Looked at is one job in {every}." if every > 1 else ""
     return [("note", note), ("grid", make_grid(rows)) if len(rows) else ("note", "None.")]
+
+
+def _look_at(sweep: Sweep, jobs: Sequence[str]) -> list[Ledger]:
+    return [found for job in jobs if (found := Ledger.look(sweep.folder / job))]

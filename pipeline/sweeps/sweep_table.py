@@ -23,25 +23,25 @@ from pipeline.sweeps.launch import is_meaningful, list_launches
 
 FILE_NAME = "sweep.parquet"
 UNITS = {"wall_s": {"unit": "s"}, "peak_memory_mb": {"unit": "MB"}}
-OWN = ("job", "status", "wall_s", "peak_memory_mb", "stage", "error", "commit")
+OWN = ("job", "status", "wall_s", "peak_memory_mb", "stage", "error", "commit", "started", "ended")
 
 
 def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, dict[str, str]]]:
     """Return a row for each job of a sweep, and for columns of numbers unit and title, as ``sweep.parquet`` has them.
 
     The columns are ``job``; the keys that a job overrides, as text; ``status``; the metrics; ``wall_s``,
-    ``peak_memory_mb``, ``stage`` and ``error`` (where and why it failed) and ``commit``.
+    ``peak_memory_mb``, ``stage`` and ``error`` (where and why it failed), ``commit``, ``started`` and ``ended``.
     """
     if not sweep.is_dir():
         raise ConfigError(f"no sweep in {sweep}; expected a folder in outputs/sweeps")
     overrides = {str(job["job"]): job["overrides"] for launch in list_launches(sweep) for job in launch["jobs"]}
     folders = [each for each in sweep.iterdir() if each.is_dir() and not each.name.startswith(".")]
-    found = {each.name: Ledger.look(each) for each in folders}
+    found = {each.name for each in folders}
     rows: list[dict[str, Any]] = []
     axes: dict[str, None] = {}
     metrics: dict[str, dict[str, str]] = {}
     for job in sorted({*overrides, *found}, key=_in_order):
-        ledger = found.get(job)
+        ledger = Ledger.read(sweep / job) if job in found else None  # one at a time, as they may be thousands
         values = split_overrides(overrides.get(job) or job.split(","))
         axes.update(dict.fromkeys(values))
         facts = ledger.facts if ledger else {}
@@ -60,6 +60,8 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, dict[str, str]]]
                 "stage": error.get("stage"),
                 "error": error.get("message"),
                 "commit": describe_commit(facts["git"]) if facts.get("git") else None,
+                "started": facts.get("started"),
+                "ended": facts.get("ended"),
             }
         )
     first, last = OWN[:1], OWN[2:]

@@ -73,7 +73,10 @@ class Sender:
     def _connect(self) -> Store:
         from pipeline.tracking.mlflow_store import Store
 
-        self._store = self._store or Store(self.destination, self.largest_file_mb, self.request_s)
+        if self._store is None:
+            self._store = Store(self.destination, self.largest_file_mb, self.request_s, retries=0)
+        else:
+            self._store.look_for_server()
         return self._store
 
     def _send_changed(self) -> None:

@@ -54,13 +54,13 @@ Item = TypeVar("Item")
 class Store:
     """A connection to MLflow; an exception of any kind says that something could not be sent."""
 
-    def __init__(self, destination: Destination, largest_file_mb: float, request_s: float):
-        """Import MLflow, which takes seconds, and connect; a request takes `request_s` at most."""
+    def __init__(self, destination: Destination, largest_file_mb: float, request_s: float, retries: int):
+        """Import MLflow, which takes seconds, and connect; a request takes `request_s` at most, each try."""
         os.environ["MLFLOW_HTTP_REQUEST_TIMEOUT"] = str(max(1, round(request_s)))
         for name, value in (
             ("MLFLOW_DISABLE_TELEMETRY", "true"),
             ("DO_NOT_TRACK", "true"),
-            ("MLFLOW_HTTP_REQUEST_MAX_RETRIES", "1"),
+            ("MLFLOW_HTTP_REQUEST_MAX_RETRIES", str(retries)),
         ):
             os.environ.setdefault(name, value)
         from mlflow.tracking import MlflowClient
@@ -70,13 +70,17 @@ class Store:
         self.destination = destination
         self.largest_file_mb = largest_file_mb
         self._sent: dict[str, str] = {}
-        _look_for(destination.uri)
+        self.look_for_server()
         destination.lock.parent.mkdir(parents=True, exist_ok=True)
         with FileLock(destination.lock):
             if destination.database and not destination.database.exists():
                 _make_database(destination.database, MlflowClient)
             self.client = MlflowClient(destination.uri)
             self.experiment = self._find_experiment()
+
+    def look_for_server(self) -> None:
+        """Raise an OSError where a server gives no sign of life, which it need not be asked for long."""
+        _look_for(self.destination.uri)
 
     def send(self, folder: Path, looks: bool = True) -> Counter[str]:
         """Send a run, a job or a whole sweep; return how many are new, updated or unchanged, by these words.
@@ -217,7 +221,6 @@ class Store:
 
 
 def _look_for(uri: str) -> None:
-    """Raise an OSError where a server gives no sign of life, which it need not be asked for long."""
     if not uri.startswith(("http://", "https://")):
         return
     try:
