@@ -170,7 +170,7 @@ def find_parts(
     found: dict[int, tuple[Ledger, Path]] = {}
     for ledger in ledgers:
         record = ledger.records.get(stage.name)
-        if record is None or (anew and record["status"] == "done"):
+        if record is None or (anew and record["status"] == "done") or not (ledger.folder / "parts").is_dir():
             continue
         if Ingredients.of_record(record, stage.extent).parts_fingerprint != ingredients.parts_fingerprint:
             continue

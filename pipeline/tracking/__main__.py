@@ -16,6 +16,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.ledger import FILE_NAME, Ledger
+from pipeline.printing import shorten
 from pipeline.runs import is_running
 from pipeline.sweeps.launch import is_launched
 from pipeline.tracking.destination import Destination
@@ -29,6 +30,7 @@ PERIOD_S = 2.0
 """Between two looks at what changed, s."""
 REST = 10
 """Of its own time to send, that it rests at least: much to send is sent more seldom."""
+LONGEST_REASON = 160
 NICENESS = 10
 """By which runs go before what tells of them."""
 
@@ -66,7 +68,7 @@ class Sender:
         try:
             send()
         except Exception as error:  # whatever it is, the runs are none of it
-            self.reason = (f"{error}".splitlines() or [type(error).__name__])[0]
+            self.reason = shorten((str(error).splitlines() or [type(error).__name__])[0], LONGEST_REASON)
             return False
         return True
 
