@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import os
 import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -20,7 +19,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import TableError, WiringError
-from pipeline.files import TEMPORARY_SUFFIX, hash_file, sync_folder, write_atomically, write_json, write_text
+from pipeline.files import hash_file, sync_folder, temporary_name, write_atomically, write_json, write_text
 from pipeline.journal import SUFFIX as JOURNAL_SUFFIX
 from pipeline.journal import Journal, keep_interrupted
 from pipeline.table import Table, read_frame
@@ -91,8 +90,7 @@ class Record:
             raise
         if not frames or set(frames) - set(self.tables):
             raise TableError(f"a part may have tables {', '.join(self.tables)}; got {', '.join(frames)}")
-        temporary = self.folder / f".{name}.{os.getpid()}{TEMPORARY_SUFFIX}"
-        shutil.rmtree(temporary, ignore_errors=True)
+        temporary = temporary_name(place)
         for table in self.tables.values():
             required = [name for name, each in table.columns.items() if each.required]
             rows = frames.get(table.name, pd.DataFrame(columns=required))

@@ -11,6 +11,7 @@ import shutil
 from collections.abc import Callable
 from pathlib import Path
 from typing import Any
+from uuid import uuid4
 
 _PACKAGE = Path(__file__).resolve().parent
 CONFIG_FOLDER = _PACKAGE / "conf" if (_PACKAGE / "conf").is_dir() else _PACKAGE.parent / "conf"
@@ -27,7 +28,7 @@ def write_atomically(path: Path, write: Callable[[Path], object], final: bool = 
     is gone and `path` is as it was.
     """
     path.parent.mkdir(parents=True, exist_ok=True)
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{TEMPORARY_SUFFIX}{path.suffix}")
+    temporary = temporary_name(path)
     try:
         write(temporary)
         with temporary.open("rb") as handle:
@@ -38,6 +39,11 @@ def write_atomically(path: Path, write: Callable[[Path], object], final: bool = 
         sync_folder(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def temporary_name(path: Path) -> Path:
+    """Return a name beside `path` that no process on any machine takes, for what is to be renamed to `path`."""
+    return path.with_name(f".{path.stem}.{uuid4().hex[:12]}{TEMPORARY_SUFFIX}{path.suffix}")
 
 
 def sync_folder(folder: Path) -> None:
@@ -75,8 +81,7 @@ def hash_json(value: Any) -> str:
 def link(source: Path, target: Path) -> None:
     """Make `target` the same file as `source` by a hard link, or a copy where links are refused."""
     target.parent.mkdir(parents=True, exist_ok=True)
-    temporary = target.with_name(f".{target.stem}.{os.getpid()}{TEMPORARY_SUFFIX}{target.suffix}")
-    temporary.unlink(missing_ok=True)
+    temporary = temporary_name(target)
     try:
         try:
             os.link(source, temporary)
@@ -90,8 +95,7 @@ def link(source: Path, target: Path) -> None:
 
 def link_folder(source: Path, target: Path) -> None:
     """Make `target` a folder of the same files as `source`, those under temporary names left out."""
-    temporary = target.with_name(f".{target.name}.{os.getpid()}{TEMPORARY_SUFFIX}")
-    shutil.rmtree(temporary, ignore_errors=True)
+    temporary = temporary_name(target)
     for path in sorted(source.rglob("*")):
         within = path.relative_to(source)
         if path.is_file() and not any(part.startswith(".") for part in within.parts):

@@ -156,11 +156,14 @@ class Ledger:
         spent_s = float(self.facts.get("seconds") or 0.0)
         if self.facts["ended"]:
             return spent_s
-        seen_s = 0.0
+        begun_s, seen_s = None, 0.0  # both by the clock of the file system
         for each in self.folder.rglob("*"):
             with suppress(OSError):
-                seen_s = max(seen_s, each.stat().st_mtime)
-        return max(spent_s, round(seen_s - datetime.fromisoformat(self.facts["started"]).timestamp(), 3))
+                changed_s = each.stat().st_mtime
+                seen_s = max(seen_s, changed_s)
+                if each.name == "config.yaml" and each.parent == self.folder:
+                    begun_s = changed_s
+        return spent_s if begun_s is None else round(spent_s + seen_s - begun_s, 3)
 
     @property
     def age(self) -> tuple[int, str]:

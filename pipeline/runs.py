@@ -1,10 +1,11 @@
 """The folders of runs: find them, claim one.
 
-A study's identity flows in; out flows a folder that this process alone may write, held by a lock that the system
-releases when the process dies, however it dies. A run lies in ``runs/STAMP``, a job of a sweep in ``sweeps/NAME/JOB``.
+A study's identity flows in; out flows a folder that this process alone may write, held by a lease that ends when the
+process dies, however it dies. A run lies in ``runs/STAMP``, a job of a sweep in ``sweeps/NAME/JOB``.
 """
 
 import os
+import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -12,27 +13,26 @@ from datetime import datetime
 from pathlib import Path
 from typing import NamedTuple
 
-from filelock import FileLock, Timeout
-
 from pipeline.command import command_line
 from pipeline.errors import ConfigError, PipelineError, TakenError, suggest
 from pipeline.files import clear_temporaries
+from pipeline.lease import Lease
 from pipeline.ledger import FILE_NAME, Ledger
 
 LOCK_NAME = ".lock"
 MAKING = ".making"
 MOST_NAMED = 5
 """Runs that a message names where a name means many."""
-LOOK_S = 0.2
-"""Between two looks whether another process is done with a stage, s."""
+SOONEST_S, LATEST_S = 0.05, 1.0
+"""Between two looks whether another process is done with a stage, s: ever more seldom."""
 
 
 class Claim(NamedTuple):
-    """A run that this process may write, whether it was begun before, and the lock held until this context ends."""
+    """A run that this process may write, whether it was begun before, and the lease held until this context ends."""
 
     ledger: Ledger
     resumed: bool
-    lock: FileLock
+    lease: Lease
 
 
 def runs_folder(outputs: str | Path) -> Path:
@@ -87,27 +87,19 @@ def find_run(outputs: str | Path, name: str) -> Ledger:
 
 
 def is_running(ledger: Ledger) -> bool:
-    """Return whether a living process holds the run."""
-    if not (ledger.folder / LOCK_NAME).exists():
-        return False
-    try:
-        lock = _lock(ledger.folder)
-    except OSError:
-        return False
-    if lock is None:
-        return True
-    lock.release()
-    return False
+    """Return whether a living process holds the run, on this machine or another."""
+    return Lease(ledger.folder / LOCK_NAME).is_held()
 
 
-def _lock(folder: Path) -> FileLock | None:
-    """Return the lock of a run, now held by this process, or None where another one holds it."""
-    lock = FileLock(folder / LOCK_NAME)
-    try:
-        lock.acquire(timeout=0)
-    except Timeout:
-        return None
-    return lock
+def _hold(folder: Path) -> Lease | None:
+    """Return the lease of a run, now held by this process, or None where another one holds it."""
+    lease = Lease(folder / LOCK_NAME, _stop_at_safe_point)
+    return lease if lease.take() else None
+
+
+def _stop_at_safe_point() -> None:
+    """Stop this process as Ctrl-C would: a machine that had not heard of it took its run over."""
+    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def live_status(ledger: Ledger) -> str:
@@ -143,7 +135,7 @@ def claim(outputs: str | Path, identity: str, arguments: Sequence[str], place: P
     try:
         yield held
     finally:
-        held.lock.release(force=True)
+        held.lease.release()
 
 
 @contextmanager
@@ -155,41 +147,40 @@ def make_exclusively(
     Few locks serve all fingerprints: who waits for another's is late, no worse. `check` raises if the run is to stop;
     `tell` is called once if there is something to wait for.
     """
-    path = Path(outputs) / MAKING / f"{fingerprint[:3]}.lock"
-    path.parent.mkdir(parents=True, exist_ok=True)
-    lock = FileLock(path)
-    told = False
-    while True:
-        try:
-            lock.acquire(timeout=LOOK_S if told else 0)
-            break
-        except Timeout:
-            if not told:
-                tell()
-            told = True
-            check()
+    folder = Path(outputs) / MAKING / fingerprint[:3]
+    folder.mkdir(parents=True, exist_ok=True)
+    lease = Lease(folder / LOCK_NAME)
+    told, look_s = False, SOONEST_S
+    while not lease.take():
+        if not told:
+            tell()
+        told = True
+        check()
+        time.sleep(look_s)
+        look_s = min(1.2 * look_s, LATEST_S)
     try:
         yield
     finally:
-        lock.release()
+        lease.release()
 
 
 def _take(place: Path, identity: str, arguments: list[str], sequence: int) -> Claim:
     place.mkdir(parents=True, exist_ok=True)
-    lock = _lock(place)
-    if lock is None:
+    lease = _hold(place)
+    if lease is None:
         raise TakenError(f"{place}: another process has this job at work; wait for it, or stop it")
     begun = Ledger.begin(place, identity, sequence, arguments)
     before = Ledger.read(place)
     if before is None:
-        return Claim(begun, False, lock)
+        return Claim(begun, False, lease)
     clear_temporaries(place)
     begun.facts["stages"] = before.facts["stages"]
     begun.facts["seconds"] = before.facts.get("seconds", 0.0) if before.status != "done" else 0.0
-    return Claim(begun, before.facts["identity"] == identity and before.status != "done", lock)
+    return Claim(begun, before.facts["identity"] == identity and before.status != "done", lease)
 
 
 def _next_sequence(outputs: str | Path) -> int:
+    """Return a number above those of all runs; of two that begin at once, names tell which is the newer."""
     return max((each.age[0] for each in list_ledgers(outputs)), default=0) + 1
 
 
@@ -197,17 +188,17 @@ def _resume(outputs: str | Path, identity: str) -> Claim | None:
     for ledger in list_ledgers(outputs):
         if ledger.facts["identity"] != identity or ledger.status == "done":
             continue
-        lock = _lock(ledger.folder)
-        if lock is None:
+        lease = _hold(ledger.folder)
+        if lease is None:
             continue
         current = Ledger.read(ledger.folder)
         if current is None or current.status == "done":
-            lock.release()
+            lease.release()
             continue
         clear_temporaries(current.folder)
         current.facts.update(status="running", ended=None, error=None)
         current.since_s = time.monotonic()
-        return Claim(current, True, lock)
+        return Claim(current, True, lease)
     return None
 
 
@@ -224,6 +215,7 @@ def _create(outputs: str | Path, identity: str, arguments: list[str]) -> Claim:
             break
         except FileExistsError:
             attempt += 1
-    lock = FileLock(place / LOCK_NAME)
-    lock.acquire(timeout=0)
-    return Claim(Ledger.begin(place, identity, sequence, arguments), False, lock)
+    lease = _hold(place)
+    if lease is None:
+        raise TakenError(f"{place}: another process has it at work; try again")
+    return Claim(Ledger.begin(place, identity, sequence, arguments), False, lease)
