@@ -1,10 +1,10 @@
 """Who holds a path, on this machine or on another one that shares the file system.
 
 A path flows in; out flows whether this process alone holds it now. The system's lock ends with its process, however
-that ends, and decides at once on one machine; but some file systems keep it from other machines. So a holder also has a
-lease: a file beside the path, such as ``PATH.7``, that it renews. A lease of another machine holds until it has not been
-renewed for `LEASE_S`. Its age is the difference of two times that the file system set, so that no clock of a machine is
-ever compared with that of another.
+that ends, and decides at once on one machine; but some file systems keep it from other machines. So a holder also has
+a lease: a file beside the path, such as ``PATH.7``, that it renews. A lease of another machine holds until it has not
+been renewed for `LEASE_S`. Its age is the difference of two times that the file system set, so that no clock of a
+machine is ever compared with that of another.
 
 Leases have numbers. Who takes a path makes the file of the next number, which of many only one can make; the newest is
 never removed, but marked when its holder gives it up, so that no number is given twice.

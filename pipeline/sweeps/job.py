@@ -35,21 +35,25 @@ LOOK_S = 0.5
 """Between two looks of a worker whether its launcher lives, s."""
 TAKEN = 75
 """Exit code of a job's process that found another process to have begun the job meanwhile."""
-ELSEWHERE = Outcome("elsewhere"), "another process has it at work"
+ELSEWHERE = Outcome("elsewhere", told="another process has it at work")
 COLOURS = {"done": "green", "kept": "green", "failed": "red", "killed": "red", "paused": "yellow"}
 
 
 @dataclass(frozen=True)
 class JobTask:
-    """What Hydra's launcher calls for each job of a launch."""
+    """What Hydra's launcher calls for each job of a launch.
+
+    Of a job that is `watched`, a cluster tells the launcher why it ended, or begins it again.
+    """
 
     launch: Launch
+    watched: bool = False
 
     def __call__(self, composed: DictConfig) -> int:
         """Run the job that was composed, unless there is nothing to do; return its exit code."""
         from hydra.core.hydra_config import HydraConfig
 
-        if os.getpid() != self.launch.pid and threading.current_thread() is threading.main_thread():
+        if not self.launch.is_own and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launch says when to stop
             _end_with_parent(os.getpid())
         config = HydraConfig.get()
@@ -59,18 +63,20 @@ class JobTask:
             return 0
         given = [self.launch.files[each] for each in config.runtime.choices.values() if each in self.launch.files]
         try:
-            outcome, told = self._run_if_needed(composed, job, self._list_arguments(overrides), given)
+            outcome = self._run_if_needed(composed, job, self._list_arguments(overrides), given)
+            if self.watched and outcome.word == "interrupted" and self.launch.stop is None:
+                return outcome.code
             self.launch.note(job, outcome)
         except (PipelineError, OSError) as error:  # such as a full disk; the others may still find room
-            outcome, told = Outcome("failed", 1), str(error)
-        self._print_outcome(job, outcome, told)
+            outcome = Outcome("failed", 1, told=str(error))
+        print_outcome(self.launch, job, outcome)
         if outcome.code and outcome.word != "interrupted" and self.launch.on_failure == "stop":
             self.launch.ask_to_stop(STOPPED_BY_FAILURE)
         return outcome.code
 
     def _run_if_needed(
         self, composed: DictConfig, job: str, arguments: list[str], given: list[dict[str, str]]
-    ) -> tuple[Outcome, str]:
+    ) -> Outcome:
         folder = self.launch.sweep / job
         try:
             study, stages = read_study(composed)
@@ -80,19 +86,19 @@ class JobTask:
             with claim(folder.parents[2], "", arguments, folder) as held:
                 keep_changes(folder, held.ledger.facts)
                 held.ledger.end("failed", {"stage": "configuration", "message": why})
-            return Outcome("failed", 2), why
+            return Outcome("failed", 2, told=why)
         before = Ledger.read(folder)
         if before is not None and is_running(before):
             return ELSEWHERE
         if before is not None and before.status == "done" and self.launch.on_finished == "keep":
             same = before.facts["identity"] == study.identity
-            return Outcome("kept"), "" if same else "with another configuration; on_finished=refresh runs it again"
+            return Outcome("kept", told="" if same else "with another configuration; on_finished=refresh runs it again")
         _warm_up(study, stages)
         runner = Runner(study, stages, arguments, open_console(quiet=True), given, folder, ONE_WORKER)
         ending = run_in_subprocess(
             lambda: _run(runner),
-            lambda: self.launch.stop == STOPPED_BY_SIGNAL,
-            follow_parent=os.getpid() != self.launch.pid,
+            self._is_stopped_by_signal,
+            follow_parent=not self.launch.is_own,
         )
         if ending.code == TAKEN:
             return ELSEWHERE
@@ -102,8 +108,11 @@ class JobTask:
             try_report(ended, study, stages)
         return outcome
 
-    def _describe(self, ledger: Ledger | None, ending: Ending) -> tuple[Outcome, str]:
-        """Return what became of a job that was run, and why; note in its ledger what it could not note itself."""
+    def _is_stopped_by_signal(self) -> bool:
+        return self.launch.stop == STOPPED_BY_SIGNAL
+
+    def _describe(self, ledger: Ledger | None, ending: Ending) -> Outcome:
+        """Return what became of a job that was run; note in its ledger what it could not note itself."""
         if ending.signal is not None:
             why = f"killed by {signal.Signals(ending.signal).name} after {ending.seconds:.1f} s"
             if ending.signal == signal.SIGKILL:
@@ -112,14 +121,14 @@ class JobTask:
                 stage = next((name for name, each in ledger.records.items() if each["status"] == "running"), "-")
                 ledger.facts.update(peak_memory_mb=ending.peak_memory_mb)
                 ledger.end("killed", {"stage": stage, "message": why})
-            return Outcome("killed", ending.code, ending.seconds), why
+            return Outcome("killed", ending.code, ending.seconds, why)
         error = ledger.facts["error"] if ledger is not None else None
         if ending.code == 0:
-            return Outcome("done", 0, ending.seconds), ""
+            return Outcome("done", 0, ending.seconds)
         lines = ending.output.strip().splitlines()
         why = f"{error['stage']}: {error['message']}" if error else (lines[-1] if lines else "no reason was given")
         word = ledger.status if ledger is not None and error else "failed"
-        return Outcome(word, ending.code, ending.seconds), why
+        return Outcome(word, ending.code, ending.seconds, why)
 
     def _list_arguments(self, overrides: list[str]) -> list[str]:
         """Return what to type to run a job by itself."""
@@ -130,15 +139,17 @@ class JobTask:
         others = [each for each in overrides if each.partition("=")[0] in ("outputs", "figures")]
         return [*self.launch.options, f"sweep={self.launch.sweep.name}", *typed, *others]
 
-    def _print_outcome(self, job: str, outcome: Outcome, told: str) -> None:
-        from rich.markup import escape
 
-        number = self.launch.jobs.index(job) + 1 if job in self.launch.jobs else 0
-        width = len(str(len(self.launch.jobs)))
-        colour = COLOURS.get(outcome.word, "dim")
-        took = f"{outcome.seconds:7.1f} s" if outcome.seconds else " " * 9
-        line = f"  {number:>{width}}/{len(self.launch.jobs)}  [{colour}]{outcome.word:<11}[/]{took}  "
-        open_console().print(line + escape(f"{job}  {told}".rstrip()), soft_wrap=True, highlight=False)
+def print_outcome(launch: Launch, job: str, outcome: Outcome) -> None:
+    """Print the line of a job that ended."""
+    from rich.markup import escape
+
+    number = launch.jobs.index(job) + 1 if job in launch.jobs else 0
+    width = len(str(len(launch.jobs)))
+    colour = COLOURS.get(outcome.word, "dim")
+    took = f"{outcome.seconds:7.1f} s" if outcome.seconds else " " * 9
+    line = f"  {number:>{width}}/{len(launch.jobs)}  [{colour}]{outcome.word:<11}[/]{took}  "
+    open_console().print(line + escape(f"{job}  {outcome.told}".rstrip()), soft_wrap=True, highlight=False)
 
 
 def _run(runner: Runner) -> int:

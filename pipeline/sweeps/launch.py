@@ -15,10 +15,13 @@ from typing import Any, Literal
 
 from pipeline.files import hash_json, write_json, write_text
 from pipeline.flat import INCIDENTAL
+from pipeline.lease import Lease, name_process
 from pipeline.ledger import now
 
 FOLDER = ".launches"
 FACTS = "launch.json"
+OUTCOMES = "outcomes"
+LOCK_NAME = ".lock"
 LONGEST_NAME = 140
 STRANGE = re.compile(r"[^\w.,=+\[\]()-]")
 STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL = "failure", "signal"
@@ -26,7 +29,7 @@ STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL = "failure", "signal"
 
 @dataclass(frozen=True)
 class Outcome:
-    """What became of a job in a launch, its exit code, and the seconds that it took.
+    """What became of a job in a launch, its exit code, the seconds that it took, and why it is so.
 
     The word is ``done``, ``kept`` (done in an earlier launch), ``failed``, ``killed``, ``interrupted``, ``paused``,
     ``elsewhere`` (another process has it at work) or ``not begun``.
@@ -35,19 +38,21 @@ class Outcome:
     word: str
     code: int = 0
     seconds: float = 0.0
+    told: str = ""
 
 
 @dataclass(frozen=True)
 class Launch:
     """What every job of a launch has to know.
 
-    The launch is of the process `pid`, that was typed; its jobs are names in order; `files` gave options of config
-    groups; `options` of the command line, such as a folder of configurations, are those that a job by itself needs too.
+    The launch is of the `process` that was typed (a name of `pipeline.lease`); its jobs are names in order; `files`
+    gave options of config groups; `options` of the command line, such as a folder of configurations, are those that a
+    job by itself needs too.
     """
 
     sweep: Path
     name: str
-    pid: int
+    process: str
     jobs: tuple[str, ...]
     on_failure: Literal["continue", "stop"]
     on_finished: Literal["keep", "refresh"]
@@ -58,6 +63,16 @@ class Launch:
     def folder(self) -> Path:
         """Where what is known of the launch lies."""
         return self.sweep / FOLDER / self.name
+
+    @property
+    def is_own(self) -> bool:
+        """Whether this process is the one that was typed."""
+        return self.process == name_process()
+
+    @property
+    def lease(self) -> Lease:
+        """What the process that was typed holds as long as it lives."""
+        return Lease(self.folder / LOCK_NAME)
 
     def begin(self, command: str, arguments: Sequence[str], overrides: Sequence[Sequence[str]]) -> None:
         """Write down what was typed, and the jobs that came of it."""
@@ -76,6 +91,15 @@ class Launch:
         except (OSError, ValueError, TypeError):
             return None
 
+    @property
+    def ended(self) -> set[str]:
+        """The jobs that ended in this launch."""
+        try:
+            names = os.listdir(self.folder / OUTCOMES)
+        except OSError:
+            return set()
+        return {name.removesuffix(".json") for name in names if not name.startswith(".")}
+
     def forget(self, job: str) -> None:
         """Let a job be looked at again."""
         self._outcome_path(job).unlink(missing_ok=True)
@@ -93,7 +117,7 @@ class Launch:
             return None
 
     def _outcome_path(self, job: str) -> Path:
-        return self.folder / "outcomes" / f"{job}.json"
+        return self.folder / OUTCOMES / f"{job}.json"
 
 
 def new_launch_name() -> str:
@@ -114,19 +138,8 @@ def list_launches(sweep: Path) -> Iterator[dict[str, Any]]:
 
 
 def is_launched(sweep: Path) -> bool:
-    """Return whether a process that launched the sweep lives, as far as this machine can tell."""
-    names = (each.name.rpartition("_")[2] for each in (sweep / FOLDER).glob("*"))
-    return any(_lives(int(each)) for each in names if each.isdigit())
-
-
-def _lives(pid: int) -> bool:
-    try:
-        os.kill(pid, 0)
-        return b"pipeline" in Path(f"/proc/{pid}/cmdline").read_bytes()
-    except (ProcessLookupError, OverflowError):
-        return False
-    except OSError:
-        return True  # another person's process, or a system that does not tell what it is
+    """Return whether a process that launched the sweep lives, on this machine or another."""
+    return any(Lease(each).is_held() for each in (sweep / FOLDER).glob(f"*/{LOCK_NAME}"))
 
 
 def name_job(overrides: Sequence[str]) -> str:

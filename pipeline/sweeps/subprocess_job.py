@@ -18,6 +18,8 @@ from typing import NoReturn
 
 SOONEST_S, LATEST_S = 0.002, 0.05
 """Between two looks at the process, s: short at first, so that a short one costs little."""
+ASK_S = 0.5
+"""Between two questions whether the process is to stop, s: the answer may lie on another machine."""
 QUOTED = 4000
 """Bytes of what it printed of which the end is kept."""
 SET_PARENT_DEATH_SIGNAL = 1
@@ -53,7 +55,7 @@ def run_in_subprocess(work: Callable[[], int], wants_stop: Callable[[], bool], f
         child = os.fork()
         if child == 0:
             _run_child(work, printed.fileno(), own)
-        wait_s, asked = SOONEST_S, False
+        wait_s, asked, next_s = SOONEST_S, False, begun
         while True:
             pid, status, usage = os.wait4(child, os.WNOHANG)
             if pid:
@@ -61,9 +63,11 @@ def run_in_subprocess(work: Callable[[], int], wants_stop: Callable[[], bool], f
             if follow_parent and os.getppid() != parent:
                 os.kill(child, signal.SIGKILL)
                 os._exit(1)
-            if not asked and wants_stop():
-                os.kill(child, signal.SIGTERM)
-                asked = True
+            if not asked and time.monotonic() >= next_s:
+                next_s = time.monotonic() + ASK_S
+                if wants_stop():
+                    os.kill(child, signal.SIGTERM)
+                    asked = True
             time.sleep(wait_s)
             wait_s = min(1.2 * wait_s, LATEST_S)
         seconds = time.monotonic() - begun

@@ -33,11 +33,13 @@ from pipeline.config import Settings, read_settings
 from pipeline.errors import ConfigError
 from pipeline.failures import list_reasons
 from pipeline.interruption import WORDS
+from pipeline.lease import name_process
 from pipeline.ledger import Ledger
 from pipeline.options import read_options
 from pipeline.printing import format_count
 from pipeline.runs import is_running, live_status, sweeps_folder
 from pipeline.sweeps.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
+from pipeline.sweeps.slurm import check_slurm, is_slurm, run_on_slurm
 from pipeline.terminal import complain, say
 from pipeline.tracking.follower import following
 
@@ -92,28 +94,36 @@ def run_sweep(
     if settings.plan:
         say(f"to run it: {command_line([each for each in typed if not each.startswith('plan=')])}")
         return 0
+    if is_slurm(base.hydra.launcher):
+        check_slurm()
     launch = Launch(
         folder,
         new_launch_name(),
-        os.getpid(),
+        name_process(),
         jobs,
         settings.on_failure,
         settings.on_finished,
         files,
         tuple(each for each in typed if each not in overrides_typed and each not in MULTIRUN),
     )
+    lease = launch.lease
     try:
+        launch.folder.mkdir(parents=True)
+        lease.take()
         launch.begin(command_line(list(typed)), typed, lists)
     except OSError as error:
         raise ConfigError(
             f"cannot write to {folder} ({error.strerror}); free the folder, or choose another with sweep=NAME or "
             "outputs=PATH"
         ) from None
-    with following(settings.outputs, settings.tracking) as follow:
-        follow(folder)
-        with _stopping(launch) as stopped:
-            _supervise(launch, lambda: _launch(launch, base, lists, config_folder), stopped)
-        return _print_end(launch, list(typed), stopped)
+    try:
+        with following(settings.outputs, settings.tracking) as follow:
+            follow(folder)
+            with _stopping(launch) as stopped:
+                _supervise(launch, lambda: _launch(launch, base, lists, config_folder), stopped)
+            return _print_end(launch, list(typed), stopped)
+    finally:
+        lease.release()
 
 
 def describe_plan(folder: Path, jobs: Mapping[str, Sequence[str]], on_finished: str) -> Iterator[str]:
@@ -226,7 +236,11 @@ def _launch(launch: Launch, base: DictConfig, lists: Sequence[Sequence[str]], co
     GlobalHydra.instance().clear()
     with hydra.initialize_config_dir(str(config_folder), version_base="1.3"):
         context = HydraContext(GlobalHydra.instance().config_loader(), Callback())  # type: ignore[arg-type]
-        launcher = Plugins.instance().instantiate_launcher(context, JobTask(launch), base)
+        on_slurm = is_slurm(base.hydra.launcher)
+        launcher = Plugins.instance().instantiate_launcher(context, JobTask(launch, watched=on_slurm), base)
+        if on_slurm:
+            run_on_slurm(launch, launcher, lists)
+            return
         for result in launcher.launch(lists, initial_job_idx=0):
             _ = result.return_value  # raises what a job raised
 
