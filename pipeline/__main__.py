@@ -207,7 +207,7 @@ def _known_keys(path: str) -> dict[str, object]:
     GlobalHydra.instance().clear()
     try:
         with hydra.initialize_config_dir(str(CONFIG_FOLDER), version_base="1.3"):
-            node: object = hydra.compose("config", overrides=kept)
+            node: object = hydra.compose("config", kept, return_hydra_config=path.startswith("hydra."))
     except HydraException:
         return {}
     for part in path.split(".")[:-1]:

@@ -66,17 +66,23 @@ class OnNode:
 
     path: Path
 
-    def __call__(self, overrides: Sequence[str], number: int) -> Any:
-        """Run the job of these overrides; whatever it raises ends up in Slurm's log."""
+    def __call__(self, jobs: Sequence[tuple[list[str], int]]) -> None:
+        """Run jobs, each of overrides and a number, one after the other; what is raised ends up in Slurm's log."""
         import cloudpickle
 
         launcher, state = cloudpickle.loads(self.path.read_bytes())
         launch = launcher.task_function.launch
-        earlier = launch.outcome(name_job(overrides))
-        if "SLURM_RESTART_COUNT" in os.environ and earlier is not None and earlier.word == "killed":
-            launch.forget(name_job(overrides))  # by Slurm, which begins it again
-        result = launcher(list(overrides), "hydra.sweep.dir", number, str(number), state)
-        return result.return_value
+        ending: list[int] = []
+        signal.signal(signal.SIGTERM, lambda number, frame: ending.append(number))  # which the job has, too, and heeds
+        for overrides, number in jobs:
+            if ending:
+                return
+            job = name_job(overrides)
+            earlier = launch.outcome(job)
+            if "SLURM_RESTART_COUNT" in os.environ and earlier is not None and earlier.word == "killed":
+                launch.forget(job)  # by Slurm, which begins it again
+            result = launcher(overrides, "hydra.sweep.dir", number, str(number), state)
+            _ = result.return_value  # raises what the job raised
 
 
 def is_slurm(launcher: Mapping[str, Any]) -> bool:
@@ -118,10 +124,11 @@ def run_on_slurm(launch: Launch, launcher: Any, lists: Sequence[Sequence[str]]) 
         else:
             new.append(number)
     params = {name: each for name, each in launcher.params.items() if name not in OF_SUBMITIT}
-    size = int(params.pop("array_size", 1000))
-    for start in range(0, len(new), size):
+    per_task, per_array = int(params.pop("jobs_per_task", 1)), int(params.pop("array_size", 1000))
+    packs = [new[start : start + per_task] for start in range(0, len(new), per_task)]
+    for start in range(0, len(packs), per_array):
         if launch.stop is None:
-            queued |= _submit(launch, launcher, params, lists, new[start : start + size])
+            queued |= _submit(launch, launcher, params, lists, packs[start : start + per_array])
     _watch(launch, queued, params)
 
 
@@ -151,9 +158,13 @@ def _read_submitted(launch: Launch) -> dict[str, str]:
 
 
 def _submit(
-    launch: Launch, launcher: Any, params: Mapping[str, Any], lists: Sequence[Sequence[str]], numbers: Sequence[int]
+    launch: Launch,
+    launcher: Any,
+    params: Mapping[str, Any],
+    lists: Sequence[Sequence[str]],
+    packs: Sequence[Sequence[int]],
 ) -> dict[str, Task]:
-    """Submit jobs as one array; return Slurm's names of them."""
+    """Submit packs of jobs, by their numbers, as one array; return Slurm's names of them."""
     import cloudpickle
     import submitit
     from hydra.core.singleton import Singleton
@@ -166,14 +177,20 @@ def _submit(
         executor = submitit.AutoExecutor(folder, cluster="slurm", slurm_max_num_timeout=0)
         executor.update_parameters(**{name if name in GENERAL else f"slurm_{name}": params[name] for name in params})
         executor.update_parameters(slurm_signal_delay_s=0)  # no word before the time limit: SIGTERM comes at it
-        made = executor.map_array(OnNode(path.absolute()), [list(lists[each]) for each in numbers], list(numbers))
+        made = executor.map_array(
+            OnNode(path.absolute()), [[(list(lists[each]), each) for each in pack] for pack in packs]
+        )
     except (submitit.core.utils.FailedSubmissionError, subprocess.CalledProcessError) as error:
         lines = [each for each in str(error).splitlines() if each.strip()]
         told = next((each for each in lines if "error:" in each), lines[-1] if lines else type(error).__name__)
         raise PipelineError(f"Slurm takes no jobs: {told.strip()}") from None
     except (ValueError, TypeError) as error:
         raise ConfigError(f"hydra.launcher: {str(error).splitlines()[0]}") from None
-    tasks = {launch.jobs[each]: Task(launch, str(task.job_id)) for each, task in zip(numbers, made, strict=True)}
+    tasks = {
+        launch.jobs[each]: Task(launch, str(task.job_id))
+        for pack, task in zip(packs, made, strict=True)
+        for each in pack
+    }
     named = {job: task.name for job, task in tasks.items()}
     write_json(launch.folder / RECORD, {**_read_submitted(launch), **named})
     array = next(iter(named.values())).partition("_")[0]
@@ -220,14 +237,14 @@ def _stop(launch: Launch, queued: Mapping[str, Task]) -> None:
     own = [task for task in queued.values() if task.launch == launch or not task.launch.lease.is_held()]
     for other in {task.launch.name: task.launch for task in own if task.launch != launch}.values():
         other.ask_to_stop(launch.stop or "")
-    names = [task.name for task in own]
+    names = sorted({task.name for task in own})
     for start in range(0, len(names), MOST_NAMED):
         _ask("scancel", "--quiet", "--state=PENDING", *names[start : start + MOST_NAMED])
 
 
 def _tell_gone(launch: Launch, gone: Mapping[str, Task], params: Mapping[str, Any], queued: dict[str, Task]) -> None:
     """Tell of jobs that Slurm no longer has, and that noted no outcome, what Slurm says of them."""
-    ended = _list_ended([task.name for task in gone.values()]) if gone else {}
+    ended = _list_ended(sorted({task.name for task in gone.values()})) if gone else {}
     for job, task in gone.items():
         ledger = Ledger.read(launch.sweep / job)
         if task.launch.outcome(job) is not None or (ledger is not None and is_running(ledger)):
@@ -248,7 +265,7 @@ def _describe_gone(
     where = f" on {node}" if node and node != "None assigned" else ""
     told = f"Slurm's job {task.name}{where} {why}"
     if ledger is None:
-        return Outcome("failed", 1, told=f"{told} ({_last_line(task)})")
+        return Outcome("not begun", 1, told=f"{told} ({_last_line(task)})")
     if ledger.status in ("running", "interrupted"):
         stage = next((name for name, each in ledger.records.items() if each["status"] != "done"), "-")
         ledger.facts["seconds"] = ledger.seconds

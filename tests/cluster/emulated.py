@@ -128,12 +128,9 @@ class Cluster:
         values = {"name": name, "shared": self.shared, "disk": self.folder / "disk", "conf": self._conf}
         script = NODE.format(options=MOUNT, **values)
         spaces = ("--pid", "--fork", "--uts", "--mount", "--mount-proc", "--kill-child")
-        self.nodes[name] = subprocess.Popen(
-            ["unshare", *spaces, "sh", "-c", script],
-            stdout=(self.folder / "log" / f"{name}.out").open("ab"),
-            stderr=subprocess.STDOUT,
-            start_new_session=True,
-        )
+        line = ["unshare", *spaces, "sh", "-c", script]
+        with (self.folder / "log" / f"{name}.out").open("ab") as log:
+            self.nodes[name] = subprocess.Popen(line, stdout=log, stderr=log, start_new_session=True)
 
     def crash(self, name):
         """End a node with all that runs on it, at once, as a machine whose power fails."""
@@ -242,9 +239,12 @@ def wait_until(holds, what, within_s=60, look_s=0.3):
 
 if __name__ == "__main__":
     cluster = Cluster(sys.argv[1])
+    signal.signal(signal.SIGTERM, signal.default_int_handler)
     try:
         cluster.start()
         print(f"export SLURM_CONF={cluster.folder}/etc/slurm.conf; the shared folder is {cluster.shared}", flush=True)
-        signal.sigwait([signal.SIGINT, signal.SIGTERM])
+        signal.pause()
+    except KeyboardInterrupt:
+        pass
     finally:
         cluster.stop()
