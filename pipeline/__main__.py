@@ -201,7 +201,8 @@ def _known_keys(path: str) -> dict[str, object]:
     """Return the keys and values beside the one at `path`, with the groups that the command line chooses."""
     options = read_options(sys.argv[1:])
     typed = {each: each.lstrip("+~").split("=")[0] for each in options.overrides}
-    kept = [each for each, key in typed.items() if key != path and "." not in key]
+    one = [each for each in typed if not options.multirun or not re.search(r",|range\(", each)]
+    kept = [each for each in one if typed[each] != path and "." not in typed[each]]
     if options.config_dir:
         kept.append(f"hydra.searchpath=[file://{Path(options.config_dir).resolve()}]")
     GlobalHydra.instance().clear()

@@ -123,7 +123,8 @@ class Ledger:
         """Read a run's ledger to look at: of one that did not change since, what was read before."""
         path = str(folder / FILE_NAME)
         try:
-            found = os.stat(path)
+            with open(path, "rb") as handle:  # an open file tells what another machine wrote, a path perhaps not yet
+                found = os.fstat(handle.fileno())
         except OSError:
             return None
         stamp = (found.st_mtime_ns, found.st_size, found.st_ino)

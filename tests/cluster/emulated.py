@@ -79,7 +79,7 @@ umount -l {shared}
 bindfs {options} {disk} {shared}
 slurmd -D -N {name} -f {conf}
 """
-MOUNT = "-o attr_timeout=2,entry_timeout=2,negative_timeout=2"
+MOUNT = "-o attr_timeout=0,entry_timeout=0,negative_timeout=0"
 
 
 class Cluster:

@@ -5,6 +5,7 @@ import shutil
 import signal
 import time
 from collections import Counter
+from importlib.util import find_spec
 
 import pandas as pd
 import pytest
@@ -314,3 +315,17 @@ def kill_launcher(process):
 def test_launches_of_one_second_are_told_apart():
     names = [new_launch_name() for _ in range(50)]
     assert sorted(set(names)) == names
+
+
+def test_slurm_is_refused_in_a_line_where_it_is_not(tmp_path):
+    sweeping = Sweeping(tmp_path, "-m", "hydra/launcher=slurm")
+    planned = success(sweeping, "seed=0,1", "plan=true")
+    assert "2 jobs (2 not begun)" in planned
+    sweeping.environment |= {"PATH": str(tmp_path)}
+    line = the_only_line(sweeping("seed=0,1"))
+    if find_spec("submitit") is None:
+        assert line.endswith("hydra-submitit-launcher is not installed; type: pip install -e '.[cluster]'")
+    else:
+        assert line.startswith("hydra/launcher=slurm: no sbatch here; type the command on a login node")
+    mistyped = the_only_line(sweeping("seed=0,1", "hydra.launcher.timeout=5"))
+    assert mistyped == "unknown key 'hydra.launcher.timeout': did you mean 'timeout_min'?"
