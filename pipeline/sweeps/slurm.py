@@ -13,8 +13,9 @@ import signal
 import subprocess
 import time
 from collections.abc import Iterable, Mapping, Sequence
-from contextlib import suppress
+from contextlib import redirect_stderr, suppress
 from dataclasses import dataclass, replace
+from io import StringIO
 from pathlib import Path
 from typing import Any
 
@@ -168,6 +169,7 @@ def _submit(
     import cloudpickle
     import submitit
     from hydra.core.singleton import Singleton
+    from submitit.core.utils import FailedJobError, FailedSubmissionError
 
     folder = launch.folder / LOGS
     path = folder / "launcher.pkl"
@@ -177,10 +179,10 @@ def _submit(
         executor = submitit.AutoExecutor(folder, cluster="slurm", slurm_max_num_timeout=0)
         executor.update_parameters(**{name if name in GENERAL else f"slurm_{name}": params[name] for name in params})
         executor.update_parameters(slurm_signal_delay_s=0)  # no word before the time limit: SIGTERM comes at it
-        made = executor.map_array(
-            OnNode(path.absolute()), [[(list(lists[each]), each) for each in pack] for pack in packs]
-        )
-    except (submitit.core.utils.FailedSubmissionError, subprocess.CalledProcessError) as error:
+        with redirect_stderr(StringIO()):  # sbatch's words are those of the error
+            jobs = [[(list(lists[each]), each) for each in pack] for pack in packs]
+            made = executor.map_array(OnNode(path.absolute()), jobs)
+    except (FailedJobError, FailedSubmissionError, subprocess.CalledProcessError) as error:
         lines = [each for each in str(error).splitlines() if each.strip()]
         told = next((each for each in lines if "error:" in each), lines[-1] if lines else type(error).__name__)
         raise PipelineError(f"Slurm takes no jobs: {told.strip()}") from None

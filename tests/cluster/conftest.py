@@ -89,7 +89,7 @@ def lab(cluster):
 @pytest.fixture
 def sweep(lab, request, tmp_path):
     """Return a sweep of a workflow on the cluster, its outputs in the shared folder."""
-    return lambda *fixed: Sweep(lab.shared / request.node.name, tmp_path / "log.txt", *fixed, *SLURM)
+    return lambda *fixed: Sweep(lab.shared / request.node.name, tmp_path / "log.txt", *SLURM, *fixed)
 
 
 @pytest.fixture
