@@ -60,6 +60,10 @@ class Sweep(Command):
         logs = [(folder / "log.txt").read_text() for folder in self.jobs.values()]
         return sum(log.count(f" {stage}: run, ") for log in logs)
 
+    def count_done(self, stage):
+        """Return for each job how often a stage was done, and noted so."""
+        return [(folder / "log.txt").read_text().count(f" {stage}: done in ") for folder in self.jobs.values()]
+
 
 @pytest.fixture(scope="session")
 def cluster(tmp_path_factory):

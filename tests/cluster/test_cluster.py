@@ -25,11 +25,11 @@ def run_stages(sweep):
 
 
 def test_tables_have_the_bytes_of_a_serial_run(sweep, serial):
-    arguments = ("workflow=toy", "workers=1", "seed=range(6)", "doubling.pause_s=0.2")
+    arguments = ("workflow=toy", "workers=1", "seed=range(4)", "doubling.pause_s=0.2")
     spread = sweep(*arguments)
     result = spread()
     assert result.returncode == 0, result.stdout + result.stderr
-    assert spread.statuses == {"done": 6}
+    assert spread.statuses == {"done": 4}
     assert set(spread.hosts.values()) == {*NODES}
     for folder in spread.jobs.values():
         check_wholeness(folder)
@@ -37,7 +37,7 @@ def test_tables_have_the_bytes_of_a_serial_run(sweep, serial):
     again = spread()
     assert again.returncode == 0
     assert "submitted" not in again.stdout
-    assert again.stdout.count("kept ") == 6
+    assert again.stdout.count("kept ") == 4
 
 
 def test_two_nodes_want_one_table_and_one_makes_it(sweep, serial):
@@ -107,12 +107,12 @@ def test_a_drained_node_ends_what_it_has_and_the_other_does_the_rest(sweep, lab)
     result = end(process, timeout=300)
     assert result.returncode == 0, result.stdout + result.stderr
     assert lab.states()["n2"] == "drained"
-    assert draining.count("ended") == dict.fromkeys(range(8), 1)
+    assert draining.count_done("trying") == [1] * 8
     assert Counter(draining.hosts.values())["n2"] == 2
 
 
 def test_ctrl_c_stops_jobs_at_a_safe_point_and_empties_the_queue(sweep):
-    stopped = sweep("workflow=trials", "seed=range(10)", "trying.pause_s=4")
+    stopped = sweep("workflow=trials", "seed=range(6)", "trying.pause_s=4")
     process = stopped.start()
     wait_until(lambda: len(stopped.count("begun")) >= 3, "jobs", 120)
     process.send_signal(signal.SIGINT)
@@ -120,11 +120,11 @@ def test_ctrl_c_stops_jobs_at_a_safe_point_and_empties_the_queue(sweep):
     assert result.returncode == 130, result.stdout + result.stderr
     assert "Ctrl-C: the jobs at work stop at a safe point" in result.stdout
     assert not [each for each in queue() if each[1] != "COMPLETING"]
-    assert stopped.statuses["not begun"] >= 2
+    assert stopped.statuses["not begun"] >= 1
     assert stopped.statuses["interrupted"] >= 1
-    again = stopped("trying.pause_s=4")
+    again = stopped("hydra.launcher.jobs_per_task=2")
     assert again.returncode == 0, again.stdout + again.stderr
-    assert stopped.count("ended") == dict.fromkeys(range(10), 1)
+    assert stopped.count_done("trying") == [1] * 6
 
 
 def test_slurm_refuses(sweep):
@@ -159,6 +159,6 @@ def test_200_jobs_are_finished_by_the_same_command(sweep, serial):
             break
     assert result.returncode == 0, result.stdout[-3000:] + result.stderr
     assert storm.statuses == {"done": 200}
-    assert storm.count("ended") == dict.fromkeys(range(200), 1)
+    assert storm.count_done("trying") == [1] * 200
     assert sum(storm.count("begun").values()) <= 200 + len(killed) + 8
     assert storm.tables == serial("workflow=trials", "seed=range(200)", "trying.pause_s=0")
