@@ -13,7 +13,7 @@ import re
 import typing
 from collections.abc import Collection, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, Literal, Self
+from typing import Annotated, Any, ClassVar, Literal
 
 import yaml
 from omegaconf import DictConfig, OmegaConf
@@ -26,7 +26,6 @@ from pydantic import (
     TypeAdapter,
     ValidationError,
     field_validator,
-    model_validator,
 )
 from pydantic.errors import PydanticSchemaGenerationError
 
@@ -140,12 +139,6 @@ class Tracking(Section):
     experiment: Text
     within_s: Annotated[float, Field(gt=0)]
     largest_file_mb: Annotated[float, Field(gt=0)]
-
-    @model_validator(mode="after")
-    def _be_installed(self) -> Self:
-        if importlib.util.find_spec("mlflow") is None:
-            raise ValueError("MLflow is not installed; type: pip install -e '.[tracking]', or leave tracking= out")
-        return self
 
     @field_validator("uri")
     @classmethod

@@ -41,6 +41,7 @@ from pipeline.runs import is_running, live_status, sweeps_folder
 from pipeline.sweeps.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
 from pipeline.sweeps.slurm import check_slurm, is_slurm, run_on_slurm
 from pipeline.terminal import complain, say
+from pipeline.tracking.destination import check_mlflow
 from pipeline.tracking.follower import following
 
 MULTIRUN = ("-m", "--multirun")
@@ -96,6 +97,8 @@ def run_sweep(
         return 0
     if is_slurm(base.hydra.launcher):
         check_slurm()
+    if settings.tracking:
+        check_mlflow()
     launch = Launch(
         folder,
         new_launch_name(),

@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import importlib.util
 import shlex
 from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING
 
 from pipeline.command import python_name
+from pipeline.errors import ConfigError
 
 if TYPE_CHECKING:
     from pipeline.config import Tracking
@@ -53,8 +55,17 @@ class Destination:
         return shlex.join([python_name(), "-m", "mlflow", "server", "--backend-store-uri", f"{SQLITE}{database}"])
 
 
+def check_mlflow() -> None:
+    """Refuse to go on where nothing can be sent."""
+    if importlib.util.find_spec("mlflow") is None:
+        raise ConfigError(
+            "tracking=mlflow: MLflow is not installed; type: pip install -e '.[tracking]', or leave tracking= out"
+        )
+
+
 def find_destination(outputs: str | Path, tracking: Tracking) -> Destination:
     """Return where runs go."""
+    check_mlflow()
     outputs = Path(outputs)
     own = f"{SQLITE}{outputs.absolute() / FOLDER / 'mlflow.db'}"
     return Destination(outputs, tracking.uri or own, tracking.experiment)
