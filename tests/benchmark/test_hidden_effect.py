@@ -101,7 +101,7 @@ def test_another_truth_than_the_sealed_one_is_refused(whole, recorded, tmp_path)
 def test_the_amended_simulator_is_identified_and_the_scorecard_says_what_the_verdict_does(pamid):
     result = pamid("experiment=hidden_effect", "seed=3", "budget=tiny", "rig.trials=6", "figures=[png]")
     assert result.returncode == 0, result.stderr
-    assert "as sealed before the search" in result.stdout
+    assert "as sealed before the search" in " ".join(result.stdout.split())
     (run,) = pamid.runs
     verdict = json.loads((run / "verdict.json").read_text())
     judged = judge_session(HiddenSessions(3, None, None, None, 6).record(), 6)
