@@ -2,6 +2,7 @@
 
 import os
 import platform
+import re
 import shutil
 import subprocess
 from collections import Counter
@@ -60,9 +61,11 @@ class Sweep(Command):
         logs = [(folder / "log.txt").read_text() for folder in self.jobs.values()]
         return sum(log.count(f" {stage}: run, ") for log in logs)
 
-    def count_done(self, stage):
-        """Return for each job how often a stage was done, and noted so."""
-        return [(folder / "log.txt").read_text().count(f" {stage}: done in ") for folder in self.jobs.values()]
+    def find_repeated(self, stage):
+        """Return the jobs that computed a stage again when it was done; one killed before it could say so is spared."""
+        logs = {name: (folder / "log.txt").read_text() for name, folder in self.jobs.items()}
+        ended = {name: re.search(f" {stage}: (done in|fresh)", log) for name, log in logs.items()}
+        return [name for name, log in logs.items() if f" {stage}: run, " in log[ended[name].end() :]]
 
 
 @pytest.fixture(scope="session")
