@@ -10,21 +10,24 @@ from collections import Counter
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from datetime import datetime, timedelta
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
 from pydantic import ValidationError
 
 from pipeline.config import Curve
+from pipeline.errors import TableError
 from pipeline.files import hash_file, hash_json
 from pipeline.flat import flatten, is_incidental
 from pipeline.ledger import FILE_NAME, Ledger, files_of
-from pipeline.printing import add_unit, format_value
+from pipeline.printing import format_value, show_metric
 from pipeline.report import PAGE_NAME
 from pipeline.review.curves import average_repeats, split_series
-from pipeline.review.kept import list_tables, read_config, read_whole_table
+from pipeline.review.kept import list_tables, read_config
 from pipeline.runs import live_status
 from pipeline.sweeps.launch import FACTS, FOLDER, list_launches
+from pipeline.table import read_frame
 
 FORM = 1
 """Of entries: what was sent in another form is sent again."""
@@ -232,9 +235,11 @@ def _list_series(ledger: Ledger, config: dict[str, Any]) -> Iterator[Point]:
     for name, values in (declared if isinstance(declared, dict) else {}).items():
         try:
             curve = Curve.model_validate(values)
-            read = read_whole_table(ledger, curve.table) if curve.table in made else None
-            series = [*split_series(average_repeats(read[0], curve), curve)] if read else []
-        except (ValidationError, KeyError, TypeError, ValueError):
+            if curve.table not in made:
+                continue
+            frame = read_frame(ledger.folder / "tables" / f"{curve.table}.parquet")  # as kept, as metrics are
+            series = [*split_series(average_repeats(frame, curve), curve)]
+        except (ValidationError, TableError, KeyError, TypeError, ValueError):
             continue
         for told, points in series:
             label = ", ".join(filter(None, (told.removeprefix(f"{curve.by[0]} ") if len(curve.by) == 1 else told,)))
@@ -270,9 +275,7 @@ def _describe(ledger: Ledger) -> str:
     """Return in Markdown how a run is told at a glance: its metrics with units, the reason of a failure."""
     error = ledger.facts.get("error")
     lines = [f"**{error['stage']}**: {error['message']}"] if error else []
-    lines += [
-        f"{add_unit(name, each['unit'])}: {format_value(each['value'])}" for name, each in _metrics(ledger).items()
-    ]
+    lines += [f"{head}: {format_value(value)}" for head, value in starmap(show_metric, _metrics(ledger).items())]
     return "  \n".join(lines)
 
 
