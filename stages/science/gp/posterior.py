@@ -11,6 +11,7 @@ after Rasmussen and Williams (2006), 5.4; the hyperprior is counted once.
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.blas import dtrmm
 
 from stages.science.gp.factor import Factor, FactorisationError, factorise
 from stages.science.gp.hyperprior import Hyperprior
@@ -29,8 +30,8 @@ LARGEST_VALUE = 1e50
 class LogPosterior:
     """log N(y | m, K + sn^2 I) + log p(theta) as a function of theta, for standardised data.
 
-    One thread at a time may ask for derivatives: they share working memory of (D + 3) N^2 numbers. A `ValueError` tells
-    a shape that does not fit (N, D) inputs, (N,) outputs and the hyperprior, or a value that is not finite.
+    One thread at a time may ask for derivatives: they share working memory of (2 D + 2) N^2 numbers. A `ValueError`
+    tells a shape that does not fit (N, D) inputs, (N,) outputs and the hyperprior, or a value that is not finite.
     """
 
     def __init__(self, inputs: Array, outputs: Array, prior: Hyperprior, mean: str = "zero"):
@@ -99,23 +100,25 @@ class LogPosterior:
         inverse = factor.inverse
         z = inverse @ (self.outputs - read.mean)
         a = inverse.T @ z
-        precision = inverse.T @ inverse
 
         if self._work is None:
-            self._work = np.empty((d + 3, n, n))
-        whitened, spare = self._work[: d + 2], self._work[d + 2]
-        for i in range(d):
-            np.multiply(self._squares[i], covariance / read.lengths[i] ** 2, out=spare)
-            np.matmul(inverse @ spare, inverse.T, out=whitened[i])
+            self._work = np.empty((d + 2, n, n))
+        whitened, slopes = self._work, self._work[:d]
+        flat, squares = whitened.reshape(d + 2, -1), self._squares.reshape(d, -1)
+        outer = np.outer(a, a)
+        outer -= inverse.T @ inverse
+        np.multiply(self._squares, covariance, out=slopes)
+        curvature = self._curve(read, outer, flat[:d], squares, float(np.vdot(outer, covariance)))
+        for slope, length in zip(slopes, read.lengths, strict=True):
+            half = dtrmm(1.0 / length**2, inverse.T, slope.T, trans_a=1)
+            slope[:] = dtrmm(1.0, inverse.T, half, side=1)
         np.matmul(inverse, inverse.T, out=whitened[d + 1])
         np.multiply(whitened[d + 1], -2.0 * (read.noise_variance + factor.jitter), out=whitened[d])
         whitened[d].flat[:: n + 1] += 2.0
         whitened[d + 1] *= 2.0 * read.noise_variance
 
-        flat = whitened.reshape(d + 2, -1)
         pulled = whitened @ z
         gradient = 0.5 * (pulled @ z - np.trace(whitened, axis1=1, axis2=2))
-        curvature = self._curve(read, np.outer(a, a) - precision, covariance, spare)
         hessian = 0.5 * (flat @ flat.T + curvature) - pulled @ pulled.T
         if self.mean == "constant":
             ones = inverse.sum(axis=1)
@@ -124,19 +127,15 @@ class LogPosterior:
             gradient, hessian = np.append(gradient, ones @ z), np.vstack([np.column_stack([hessian, cross]), bottom])
         return _log_likelihood(factor, z), gradient, hessian
 
-    def _curve(self, read: Hyperparameters, g: Array, covariance: Array, spare: Array) -> Array:
-        """Return <G, d2C_ij>, (D + 2, D + 2)."""
-        d = len(self._squares)
-        flat, squared_lengths = self._squares.reshape(d, -1), read.lengths**2
-        weights = g * covariance
-        first = flat @ weights.ravel() / squared_lengths
+    def _curve(self, read: Hyperparameters, g: Array, slopes: Array, squares: Array, total: float) -> Array:
+        """Return <G, d2C_ij>, (D + 2, D + 2), from (D, N^2) squares and the same times K, and <G, K>."""
+        d, squared_lengths = len(squares), read.lengths**2
+        first = slopes @ g.ravel() / squared_lengths
         curvature = np.zeros((d + 2, d + 2))
-        for i in range(d):
-            np.multiply(weights, self._squares[i], out=spare)
-            curvature[i, :d] = flat @ spare.ravel() / squared_lengths / squared_lengths[i]
+        curvature[:d, :d] = (slopes * g.ravel()) @ squares.T / np.outer(squared_lengths, squared_lengths)
         curvature[:d, :d] -= 2.0 * np.diag(first)
         curvature[:d, d] = curvature[d, :d] = 2.0 * first
-        curvature[d, d] = 4.0 * weights.sum()
+        curvature[d, d] = 4.0 * total
         curvature[d + 1, d + 1] = 4.0 * read.noise_variance * np.trace(g)
         return curvature
 
