@@ -18,8 +18,8 @@ LOST_DIGITS = 2e5
 """Largest squared radius x sf / sn for `Expanded`: rounding of V stays at about 1e-10 sf^2."""
 
 
-SMALLEST_BLOCK = 32
-BLOCKS = 3
+SMALLEST_BLOCK = 8
+BLOCKS = 6
 """More leave more zeros out, in products too thin to be quick."""
 
 
