@@ -44,7 +44,7 @@ def suggest(name: str, known: Iterable[str], today: str | None = None) -> str:
     if today is not None:
         return f"it is called '{today}' today"
     names = sorted(set(known))
-    nearest = get_close_matches(name, names, n=1, cutoff=0.5)
+    nearest = get_close_matches(name, names, n=1)
     if nearest:
         return f"did you mean '{nearest[0]}'?"
     more = f", and {len(names) - MOST_OFFERED} more" if len(names) > MOST_OFFERED else ""
