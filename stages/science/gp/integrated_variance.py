@@ -9,11 +9,16 @@ active data selection (IJCNN 2000), in the square of standard units.
 """
 
 import numpy as np
+from numba import njit
 
 from stages.science.gp.kernel import Array
+from stages.science.gp.subsample import check_count
 from stages.science.gp.task_gain import Gains, TaskGain
 
 INTEGRATED_VARIANCE = "integrated_variance"
+
+LARGEST_BLOCK = 1_000_000
+"""Covariances of samples with a task that are held at a time, 8 MB."""
 
 
 class VarianceTaken(Gains):
@@ -41,5 +46,44 @@ class TaskVariance(TaskGain):
     def _begin(self, across: Array) -> Gains:
         return VarianceTaken(across)
 
+    def score(self, trajectories: Array, count: int) -> Array:
+        """Return what the best `count` rows of each of (R, T, D) trajectories take, (R,), many trajectories at once.
+
+        The covariances c among samples and their products p over the task, (R, T, T), are conditioned on each pick.
+        """
+        check_count(count, trajectories.shape[1])
+        size = max(1, LARGEST_BLOCK // (trajectories.shape[1] * len(self._task)))
+        blocks = range(0, len(trajectories), size)
+        return np.concatenate([self._score(trajectories[start : start + size], count) for start in blocks])
+
+    def _score(self, trajectories: Array, count: int) -> Array:
+        c, across = self._condition(trajectories)
+        return _take_best(c, across @ across.swapaxes(1, 2) / across.shape[2], self._noise, count)
+
     def _add(self, taken: Array) -> Array:
         return taken.mean(axis=1)
+
+
+@njit(cache=True, error_model="numpy")
+def _take_best(c: Array, p: Array, noise: float, count: int) -> Array:
+    """Condition c and p, (R, T, T), on `count` picks of each trajectory; return what these took, (R,)."""
+    trajectories, samples = c.shape[:2]
+    total = np.zeros(trajectories)
+    for r in range(trajectories):
+        own, shared, left = c[r], p[r], np.ones(samples, dtype=np.bool_)
+        for _ in range(count):
+            best, most = -1, -np.inf
+            for t in range(samples):
+                gain = max(shared[t, t], 0.0) / (max(own[t, t], 0.0) + noise)
+                if left[t] and gain > most:
+                    best, most = t, gain
+            left[best] = False
+            total[r] += most
+            weights = own[best] / (max(own[best, best], 0.0) + noise)
+            half = shared[best] - 0.5 * shared[best, best] * weights
+            taken = own[best].copy()
+            for t in range(samples):
+                for u in range(samples):
+                    own[t, u] -= weights[t] * taken[u]
+                    shared[t, u] -= weights[t] * half[u] + half[t] * weights[u]
+    return total

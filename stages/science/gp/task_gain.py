@@ -73,17 +73,21 @@ class TaskGain(ABC):
 
     def gain(self, trajectories: Array) -> Array:
         """Return what all samples of each of (R, T, D) trajectories gain together, (R,)."""
+        noisy, across = self._condition(trajectories)
+        noisy[:, np.arange(noisy.shape[1]), np.arange(noisy.shape[1])] += self._noise
+        lower = np.linalg.cholesky(noisy)
+        solved = [lapack.dtrtrs(its, each, lower=1)[0] for its, each in zip(lower, across, strict=True)]
+        return self._add(np.square(solved).sum(axis=1))
+
+    def _condition(self, trajectories: Array) -> tuple[Array, Array]:
+        """Return the covariance c among the samples of each of (R, T, D) trajectories, and with the task, (R, T, Q)."""
         count, samples, inputs = trajectories.shape
         points = check_points(trajectories.reshape(-1, inputs), self._lengths.size)
         whitened, scaled = self._whiten(points), points / self._lengths
         across = (self._covary(scaled) - whitened.T @ self._whitened_task).reshape(count, samples, -1)
-        whitened, scaled = whitened.T.reshape(count, samples, -1), scaled.reshape(count, samples, -1)
-        squares = np.square(scaled[:, :, None] - scaled[:, None]).sum(axis=-1)
-        noisy = self._signal * np.exp(-0.5 * squares) - whitened @ whitened.swapaxes(1, 2)
-        noisy[:, np.arange(samples), np.arange(samples)] += self._noise
-        lower = np.linalg.cholesky(noisy)
-        solved = [lapack.dtrtrs(its, each, lower=1)[0] for its, each in zip(lower, across, strict=True)]
-        return self._add(np.square(solved).sum(axis=1))
+        along = whitened.T.reshape(count, samples, -1)
+        squares = np.stack([cdist(each, each, "sqeuclidean") for each in scaled.reshape(count, samples, inputs)])
+        return self._signal * np.exp(-0.5 * squares) - along @ along.swapaxes(1, 2), across
 
     def _covary(self, scaled: Array) -> Array:
         """Return the prior covariance of (T, D) inputs, in units of the lengths, with the task, (T, Q)."""
