@@ -154,6 +154,10 @@ def explain(error: Exception) -> str:
         )
     if unknown:
         path = unknown.group(1).removeprefix("+").split("@")[0]
+        keys_are_set = any(each.lstrip("+").startswith(f"{path}={{") for each in sys.argv[1:])
+        elsewhere = [] if keys_are_set else _list_workflows_with(path)
+        if elsewhere:
+            return f"{path}: this workflow has no such section; these have: workflow={', '.join(elsewhere)}"
         if path.split(".")[-1] in _known_keys(path):
             return f"{path}: a key that is set in it is not there yet; add it as +{path}.KEY=..."
         known = _known_keys(path)
@@ -187,6 +191,13 @@ def _explain_unknown(path: str, known: Mapping[str, object]) -> str:
     files = sorted((CONFIG_FOLDER / parts[0]).glob("*.yaml")) if len(parts) == 2 else []
     others = [each.stem for each in files if parts[1] in (OmegaConf.load(each) or {})]
     return f"{told}; it is a key of {parts[0]}={' or '.join(others)}" if others and "did you mean" not in told else told
+
+
+def _list_workflows_with(group: str) -> list[str]:
+    """Return the workflows that choose an option of a group."""
+    files = sorted((CONFIG_FOLDER / "workflow").glob("*.yaml"))
+    chosen = {each.stem: OmegaConf.select(OmegaConf.load(each), "defaults", default=[]) for each in files}
+    return [name for name, entries in chosen.items() if any(f"/{group}" in each for each in entries)]
 
 
 def list_groups(arguments: list[str]) -> list[str]:

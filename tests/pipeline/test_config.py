@@ -72,6 +72,11 @@ def test_refuses_before_anything_is_written(toy, arguments, told):
     assert told in refusal(toy, *arguments)
 
 
+def test_a_section_of_other_workflows_is_told_with_those(pamid):
+    told = refusal(pamid, "workflow=discrepancy", "task=movements", "next_trials=3", "plan=true")
+    assert "task: this workflow has no such section; these have: workflow=identification, identification_with" in told
+
+
 def test_a_key_of_another_option_is_told_with_that_option(pamid):
     line = refusal(pamid, "plant=nominal", "plant.along=s_m", "plan=true")
     assert line.endswith("; it is a key of plant=cylinder or damper or finger or muscle or static_map")
