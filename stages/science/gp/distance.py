@@ -9,10 +9,15 @@ Inputs are centred and in units of the kernel's lengths throughout; with k = k(X
     |L' (b o (x - x*))|^2                     spread of the variance, per input
 """
 
+from collections.abc import Callable
+from functools import cached_property
+
 import numpy as np
 
 from stages.science.gp.factor import Factor
 from stages.science.gp.kernel import Array
+
+FindRows = Callable[[], tuple[Array, Array]]
 
 LOST_DIGITS = 2e5
 """Largest squared radius x sf / sn for `Expanded`: rounding of V stays at about 1e-10 sf^2."""
@@ -64,23 +69,32 @@ def keeps_digits(scaled: Array, signal_variance: float, noise_variance: float) -
 class Expanded:
     """Distances from (N, D) centred data, in units of the lengths, to points by matrix products, `size` at a time.
 
-    The factor is that of the noisy covariance; rows, (1 + E, N), are a and what else is to be multiplied with k;
-    corrections, (D, N), are c_d.
+    The factor is that of the noisy covariance. `find_rows` returns what slopes alone need: rows, (1 + E, N), which are
+    a and what else is to be multiplied with k, and corrections, (D, N), which are c_d.
     """
 
-    def __init__(
-        self, scaled: Array, signal_variance: float, factor: Factor, rows: Array, corrections: Array, size: int
-    ):
+    def __init__(self, scaled: Array, signal_variance: float, factor: Factor, find_rows: FindRows, size: int):
         n, d = scaled.shape
         half_norms = 0.5 * np.einsum("nd,nd->n", scaled, scaled)
         self._left = np.column_stack([scaled, np.log(signal_variance) - half_norms, np.ones(n)])
         self._right = np.ones((d + 2, size))
         self._scaled = np.ascontiguousarray(scaled.T)
-        weighted = rows[0] * self._scaled
-        self._rows = np.vstack([rows, weighted, weighted * self._scaled - corrections])
-        self._stack = Triangle(*(factor.lower.T * column for column in self._scaled), lower=False)
+        self._factor, self._find_rows = factor, find_rows
         self._covariance = np.empty((n, size))
-        self._product = np.empty((self._stack.height, size))
+
+    @cached_property
+    def _rows(self) -> Array:
+        rows, corrections = self._find_rows()
+        weighted = rows[0] * self._scaled
+        return np.vstack([rows, weighted, weighted * self._scaled - corrections])
+
+    @cached_property
+    def _stack(self) -> Triangle:
+        return Triangle(*(self._factor.lower.T * column for column in self._scaled), lower=False)
+
+    @cached_property
+    def _product(self) -> Array:
+        return np.empty((self._stack.height, self._right.shape[1]))
 
     def covariance(self, points: Array) -> Array:
         """Return k, (N, B), of (D, B) points; the array is reused by the next call."""
@@ -110,17 +124,19 @@ class Expanded:
 class Direct:
     """Distances by differences; takes and returns what `Expanded` does."""
 
-    def __init__(
-        self, scaled: Array, signal_variance: float, factor: Factor, rows: Array, corrections: Array, size: int
-    ):
+    def __init__(self, scaled: Array, signal_variance: float, factor: Factor, find_rows: FindRows, size: int):
         n, d = scaled.shape
-        self._scaled, self._rows, self._corrections = scaled, rows, corrections
+        self._scaled, self._find_rows = scaled, find_rows
         self._log_signal = np.log(signal_variance)
         self._upper = Triangle(factor.lower.T, lower=False)
         self._covariance = np.empty((n, size))
         self._differences = np.empty((d, n, size))
         self._spare = np.empty((n, size))
         self._product = np.empty((self._upper.height, size))
+
+    @cached_property
+    def _linear(self) -> tuple[Array, Array]:
+        return self._find_rows()
 
     def covariance(self, points: Array) -> Array:
         """Return k, (N, B)."""
@@ -136,12 +152,13 @@ class Direct:
 
     def mean_slopes(self, points: Array, k: Array) -> tuple[Array, Array]:
         """Return rows k, (1 + E, B), and the mean's slopes, (D, B)."""
-        spare, slopes = self._spare[:, : k.shape[1]], -(self._corrections @ k)
+        rows, corrections = self._linear
+        spare, slopes = self._spare[:, : k.shape[1]], -(corrections @ k)
         for i, difference in enumerate(self._differences[:, :, : k.shape[1]]):
             np.multiply(difference, k, out=spare)
             spare *= difference
-            slopes[i] += self._rows[0] @ spare
-        return self._rows @ k, slopes
+            slopes[i] += rows[0] @ spare
+        return rows @ k, slopes
 
     def variance_spread(self, points: Array, k: Array, b: Array, norms: Array) -> Array:
         """Return the spread of the variance, (D, B)."""

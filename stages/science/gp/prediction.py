@@ -13,6 +13,7 @@ cancels.
 """
 
 from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
@@ -58,13 +59,9 @@ class Predictor:
         self._centre = inputs.mean(axis=0)
         scaled = (inputs - self._centre) / self.read.lengths
         self._weights = weights
-        covariance = posterior.covariance(theta)
-        rows = [weights, factor.solve(weights)] + [factor.solve(np.ones(n))] * (posterior.mean == "constant")
-        corrections = [factor.solve(((column[:, None] - column) ** 2 * covariance) @ weights) for column in scaled.T]
         kept = keeps_digits(scaled, self.read.signal_variance, self._noise)
-        self._distances = (Expanded if kept else Direct)(
-            scaled, self.read.signal_variance, factor, np.vstack(rows), np.vstack(corrections), size
-        )
+        find_rows = partial(_find_rows, posterior, theta, factor, weights)
+        self._distances = (Expanded if kept else Direct)(scaled, self.read.signal_variance, factor, find_rows, size)
         self._whiten = Triangle(factor.inverse, lower=True)
         self._unwhiten = Triangle(factor.inverse.T, lower=False)
         self._v, self._b = np.empty((2, n, size))
@@ -113,3 +110,11 @@ class Predictor:
 
     def _variance(self, explained: Array) -> Array:
         return np.maximum(self.read.signal_variance - explained, self.floor)
+
+
+def _find_rows(posterior: LogPosterior, theta: Array, factor: Factor, weights: Array) -> tuple[Array, Array]:
+    """Return the rows that are multiplied with k, a first, and c_d of each length."""
+    covariance, columns = posterior.covariance(theta), (posterior.inputs / posterior.read(theta).lengths).T
+    rows = [weights, factor.solve(weights)] + [factor.solve(np.ones(len(weights)))] * (posterior.mean == "constant")
+    corrections = [factor.solve(((column[:, None] - column) ** 2 * covariance) @ weights) for column in columns]
+    return np.vstack(rows), np.vstack(corrections)
