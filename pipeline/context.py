@@ -24,7 +24,7 @@ from pipeline.journal import SUFFIX as JOURNAL_SUFFIX
 from pipeline.journal import Journal, keep_interrupted
 from pipeline.table import Table, read_frame
 from pipeline.terminal import open_console
-from pipeline.workers import spread
+from pipeline.workers import Workers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -156,7 +156,7 @@ class Context:
 
     The seed is None for a stage that declares none. The device is what the stage asked for through a ``_target_``
     section, else None; it is `interactive` where people follow it through an interface. Progress is drawn on the
-    console if it is a terminal, loops are spread over so many worker processes, and figures are kept in the formats
+    console if it is a terminal, loops are spread over the worker processes, and figures are kept in the formats
     (png, pdf, svg). A copy in another process draws the same random numbers and writes parts to the same record; it
     shows nothing.
     """
@@ -168,7 +168,7 @@ class Context:
     console: Console
     device: Any = None
     interactive: bool = False
-    workers: int = 1
+    workers: Workers = field(default_factory=partial(Workers, 1))
     formats: Sequence[str] = ("png",)
     stream: str | None = None
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
@@ -212,8 +212,8 @@ class Context:
         Function, jobs (this context may be part of them) and results can be pickled, and no job needs another's result.
         On a real device, and where people follow it, the jobs are done one after the other, here.
         """
-        workers = 1 if getattr(self.device, "real", False) or self.interactive else self.workers
-        yield from spread(function, jobs, workers, self.record.check)
+        alone = getattr(self.device, "real", False) or self.interactive
+        yield from (Workers(1) if alone else self.workers).spread(function, jobs, self.record.check)
 
     def gather(
         self, description: str, function: Callable[..., Iterable[Result]], jobs: Mapping[str, tuple[Any, ...]]
@@ -237,7 +237,7 @@ class Context:
         return self.record.collect()
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "console": None, "workers": 1}
+        return {**vars(self), "console": None, "workers": Workers(1)}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state, console=open_console(quiet=True))

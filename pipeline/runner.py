@@ -14,6 +14,7 @@ import warnings
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager, suppress
 from dataclasses import dataclass, field
+from functools import cached_property
 from pathlib import Path
 from typing import Any
 
@@ -37,7 +38,7 @@ from pipeline.sweeps.launch import name_job
 from pipeline.table import measure_file, read_frame
 from pipeline.terminal import complain, open_console, say
 from pipeline.tracking.follower import following
-from pipeline.workers import count_cores
+from pipeline.workers import Workers, count_cores
 
 log = logging.getLogger("pamid")
 
@@ -65,6 +66,10 @@ class Runner:
     follow: Callable[[Path], None] = lambda folder: None
     _interface: Any = field(default=None, init=False)
     _connection: Any = field(default=None, init=False)
+
+    @cached_property
+    def _pool(self) -> Workers:
+        return Workers(self.study.settings.workers or self.workers or count_cores())
 
     @property
     def outputs(self) -> str:
@@ -109,6 +114,7 @@ class Runner:
             except OSError as error:
                 return self._refuse(held.ledger, error)
             finally:
+                self._pool.close()
                 if self._interface is not None:
                     self._interface.close()
 
@@ -292,10 +298,17 @@ class Runner:
         interactive = device is not None and self.study.has_interface
         if interactive:
             device.connect_interface(self._open_interface())
-        workers = self.study.settings.workers or self.workers or count_cores()
-        formats = self.study.settings.figures
         return Context(
-            stage.name, ledger.folder, seed, record, self.console, device, interactive, workers, formats, stage.stream
+            stage.name,
+            ledger.folder,
+            seed,
+            record,
+            self.console,
+            device,
+            interactive,
+            self._pool,
+            self.study.settings.figures,
+            stage.stream,
         )
 
     def _clear_parts(self, ledger: Ledger) -> None:

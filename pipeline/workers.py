@@ -26,39 +26,62 @@ def count_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
-def spread(
-    function: Callable[[Job], Result],
-    jobs: Sequence[Job],
-    workers: int,
-    check: Callable[[], None] = lambda: None,
-) -> Iterator[Result]:
-    """Yield ``function(job)`` for each of independent jobs, in order; with one worker, all is computed here.
+class Workers:
+    """So many processes at most, which the first loop starts that is spread over them; later loops find them running.
 
-    Function, jobs and results can be pickled. Between two results, `check` raises if the run is to stop.
+    A loop that does not come to its end leaves none of them.
     """
-    if min(workers, len(jobs)) <= 1:
-        for job in jobs:
-            check()
-            yield function(job)
-        return
-    others = multiprocessing.active_children()
-    context = multiprocessing.get_context("spawn")
-    pool = ProcessPoolExecutor(min(workers, len(jobs)), context, _prepare)
-    try:
-        futures = [pool.submit(function, job) for job in jobs]
-        for future in futures:
-            check()
-            found = future.result()
-            check()
-            yield found
-        pool.shutdown()
-    except BrokenProcessPool:
-        raise PipelineError(
-            "a worker process was killed, perhaps for want of memory; what was finished is kept; "
-            "workers=1 needs the least memory"
-        ) from None
-    finally:
-        _stop(pool, others)
+
+    def __init__(self, count: int):
+        self.count = count
+        self._pool: ProcessPoolExecutor | None = None
+        self._others: Sequence[BaseProcess] = ()
+
+    def spread(
+        self, function: Callable[[Job], Result], jobs: Sequence[Job], check: Callable[[], None] = lambda: None
+    ) -> Iterator[Result]:
+        """Yield ``function(job)`` for each of independent jobs, in order; with one worker, all is computed here.
+
+        Function, jobs and results can be pickled. Between two results, `check` raises if the run is to stop.
+        """
+        if min(self.count, len(jobs)) <= 1:
+            for job in jobs:
+                check()
+                yield function(job)
+            return
+        try:
+            for future in [self._open().submit(function, job) for job in jobs]:
+                check()
+                found = future.result()
+                check()
+                yield found
+        except BrokenProcessPool:
+            self.close()
+            raise PipelineError(
+                "a worker process was killed, perhaps for want of memory; what was finished is kept; "
+                "workers=1 needs the least memory"
+            ) from None
+        except BaseException:
+            self.close()
+            raise
+
+    def close(self) -> None:
+        """End the processes; parts that they have not finished are not there."""
+        if self._pool is None:
+            return
+        processes = [each for each in multiprocessing.active_children() if each not in self._others]
+        self._pool.shutdown(wait=False, cancel_futures=True)
+        self._pool = None
+        for process in processes:
+            process.terminate()
+        for process in processes:
+            process.join()
+
+    def _open(self) -> ProcessPoolExecutor:
+        if self._pool is None:
+            self._others = multiprocessing.active_children()
+            self._pool = ProcessPoolExecutor(self.count, multiprocessing.get_context("spawn"), _prepare)
+        return self._pool
 
 
 def _prepare() -> None:
@@ -72,13 +95,3 @@ def _prepare() -> None:
 def _end_with(sentinel: int) -> None:
     wait([sentinel])
     os._exit(1)
-
-
-def _stop(pool: ProcessPoolExecutor, others: Sequence[BaseProcess]) -> None:
-    """End the processes of a pool, which are all but the others; parts that they have not finished are not there."""
-    processes = [each for each in multiprocessing.active_children() if each not in others]
-    pool.shutdown(wait=False, cancel_futures=True)
-    for process in processes:
-        process.terminate()
-    for process in processes:
-        process.join()

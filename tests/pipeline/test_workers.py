@@ -4,10 +4,11 @@ import math
 import operator
 import os
 import signal
+import time
 
 import pytest
 
-from pipeline.workers import count_cores, spread
+from pipeline.workers import Workers, count_cores
 from tests.faults import find_parts, ledger_of, tables_of, wait_until
 from tests.pipeline.conftest import CONFIG, Toy, children_of, end, success, the_only_line, wait_for_the_end_of
 
@@ -20,17 +21,35 @@ def split(tmp_path):
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_results_come_in_the_order_of_the_jobs(workers):
-    assert list(spread(operator.neg, range(20), workers)) == list(range(0, -20, -1))
-    assert list(spread(operator.neg, [], workers)) == []
+    pool = Workers(workers)
+    assert list(pool.spread(operator.neg, range(20))) == list(range(0, -20, -1))
+    assert list(pool.spread(operator.neg, [])) == []
+    pool.close()
     assert 1 <= count_cores() <= (os.cpu_count() or 1)
 
 
 @pytest.mark.parametrize("workers", [1, 2])
 def test_what_a_job_raises_is_raised_here_after_the_results_before_it(workers):
-    results = spread(math.sqrt, [0, 1, 4, -1, 9, 16], workers)
+    pool = Workers(workers)
+    results = pool.spread(math.sqrt, [0, 1, 4, -1, 9, 16])
     assert [next(results) for _ in range(3)] == [0, 1, 2]
     with pytest.raises(ValueError, match="math domain error"):
         next(results)
+    assert list(pool.spread(math.sqrt, [1, 4])) == [1, 2]
+    pool.close()
+
+
+def test_a_loop_finds_the_workers_of_the_one_before():
+    pool = Workers(2)
+    before, after = ({*pool.spread(_tell_process, range(20))} for _ in range(2))
+    assert before & after
+    assert os.getpid() not in before
+    pool.close()
+
+
+def _tell_process(job):
+    time.sleep(0.05)
+    return os.getpid()
 
 
 def test_a_fault_in_a_worker_is_told_with_its_traceback_and_mended_runs_go_on(split):
