@@ -107,10 +107,11 @@ class Table:
             )
         frame = frame.reset_index(drop=True)
         checked = frame
-        if frame.empty or not all(_obeys(frame[name], each) for name, each in present.items()):
-            schema = pa.DataFrameSchema(present, coerce=True) if frame.empty else self.schema
+        if frame.empty:
+            checked = frame.astype({name: each.dtype.type for name, each in present.items()})
+        elif not all(_obeys(frame[name], each) for name, each in present.items()):
             try:
-                checked = schema.validate(frame, lazy=True)
+                checked = self.schema.validate(frame, lazy=True)
             except pa.errors.SchemaErrors as errors:
                 raise TableError(f"table {self.name} ({where}): {_describe(errors.failure_cases)}") from None
         for name in [each for each, dtype in checked.dtypes.items() if dtype.kind == "O" and dtype != TEXT]:
@@ -175,7 +176,7 @@ def read_frame(path: Path, sealed: bool = False) -> pd.DataFrame:
         content = path.read_bytes()
         problem = "" if _is_whole(content, sealed) else "its bytes are not those that were written"
         if not problem:
-            frame: pd.DataFrame = pyarrow.parquet.read_table(pyarrow.BufferReader(content)).to_pandas()
+            frame: pd.DataFrame = pyarrow.parquet.ParquetFile(pyarrow.BufferReader(content)).read().to_pandas()
             return frame
     except PermissionError:
         raise TableError(f"{path} cannot be read (permission denied); let yourself read it and run again") from None

@@ -4,7 +4,6 @@ A composed configuration flows in; a run's folder, and an outcome for the launch
 mistake in its configuration, an exception, a kill by the system, the launcher sees a job that ended.
 """
 
-import importlib
 import os
 import signal
 import threading
@@ -180,5 +179,4 @@ def _warm_up(study: Study, stages: list[Stage]) -> None:
     with suppress(PipelineError):  # which the job itself will tell
         make_plan(study, stages, list_ledgers(study.settings.outputs))
     read_templates()
-    importlib.import_module("pyarrow.dataset")  # without which no table is read
     look_at_checkout()
