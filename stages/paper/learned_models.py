@@ -14,7 +14,6 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 import pandas as pd
 from pydantic import Field, PositiveInt, model_validator
-from scipy.spatial import KDTree
 from scipy.special import ndtri, stdtrit
 
 from pipeline.config import Section, View
@@ -309,6 +308,8 @@ def draw_up_forces(
 
     The bank gives the range of each input, of which there are `grid` values, and the samples that states are near to.
     """
+    from scipy.spatial import KDTree  # slow to import
+
     last = models[models["trial"] == models["trial"].max()]
     frames = []
     for muscle, its in recorded.items():

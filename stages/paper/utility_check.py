@@ -12,7 +12,6 @@ from typing import Annotated, Any
 import numpy as np
 import pandas as pd
 from pydantic import Field, PositiveInt
-from scipy.stats import spearmanr
 
 from pipeline.config import Section
 from pipeline.context import Context
@@ -190,7 +189,7 @@ def agree(scores: Array, information: Array) -> tuple[float, float]:
     regret = forgo(information[int(np.argmax(scores))], information)
     if np.ptp(scores) == 0 or np.ptp(information) == 0:
         return np.nan, regret
-    return float(spearmanr(scores, information).statistic), regret
+    return _correlate_ranks(scores, information), regret
 
 
 def rely(densities: Array) -> float:
@@ -202,8 +201,14 @@ def rely(densities: Array) -> float:
     halves = [densities[start::2].mean(axis=0) for start in (0, 1)]
     if any(np.ptp(each) == 0 for each in halves):
         return np.nan
-    r = float(spearmanr(*halves).statistic)
+    r = _correlate_ranks(*halves)
     return r if r < 0 else 2 * r / (1 + r)
+
+
+def _correlate_ranks(one: Array, other: Array) -> float:
+    from scipy.stats import spearmanr  # slow to import
+
+    return float(spearmanr(one, other).statistic)
 
 
 def summarise(agreement: pd.DataFrame) -> pd.DataFrame:

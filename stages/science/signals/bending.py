@@ -12,7 +12,6 @@ from typing import Self
 import numpy as np
 import pandas as pd
 from numba import njit
-from scipy.interpolate import BSpline
 
 from stages.science.signals.trajectories import Array
 
@@ -106,6 +105,8 @@ class Bending:
 @lru_cache(maxsize=4)
 def _make_splines(samples: int, coefficients: int) -> Array:
     """Return cubic B-splines on even knots over a trial, (T, K)."""
+    from scipy.interpolate import BSpline  # slow to import, and most commands bend nothing
+
     inner = np.linspace(0.0, 1.0, coefficients - DEGREE + 1)
     knots = np.concatenate([np.zeros(DEGREE), inner, np.ones(DEGREE)])
     splines: Array = BSpline.design_matrix(np.linspace(0.0, 1.0, samples), knots, DEGREE).toarray()
