@@ -7,7 +7,6 @@ from __future__ import annotations
 
 import hashlib
 import logging
-import shutil
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import dataclass, field
@@ -19,7 +18,7 @@ import numpy as np
 import pandas as pd
 
 from pipeline.errors import TableError, WiringError
-from pipeline.files import hash_file, sync_folder, temporary_name, write_atomically, write_json, write_text
+from pipeline.files import hash_file, write_atomically, write_folder, write_json, write_text
 from pipeline.journal import SUFFIX as JOURNAL_SUFFIX
 from pipeline.journal import Journal, keep_interrupted
 from pipeline.table import Table, read_frame
@@ -90,18 +89,12 @@ class Record:
             raise
         if not frames or set(frames) - set(self.tables):
             raise TableError(f"a part may have tables {', '.join(self.tables)}; got {', '.join(frames)}")
-        temporary = temporary_name(place)
+        contents = {}
         for table in self.tables.values():
             required = [name for name, each in table.columns.items() if each.required]
             rows = frames.get(table.name, pd.DataFrame(columns=required))
-            table.write(rows, temporary / f"{table.name}.parquet")
-        try:
-            temporary.rename(place)
-        except OSError:
-            if not place.is_dir():
-                raise
-            shutil.rmtree(temporary, ignore_errors=True)  # a worker of an earlier process wrote the same part
-        sync_folder(self.folder)
+            contents[f"{table.name}.parquet"] = table.encode(rows)
+        write_folder(place, contents)  # which a worker of an earlier process may have written too
         if name in self.journals:
             self.journals.pop(name).discard()
         self.keys[name] = None

@@ -8,7 +8,7 @@ import hashlib
 import json
 import os
 import shutil
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 from typing import Any
 from uuid import uuid4
@@ -39,6 +39,31 @@ def write_atomically(path: Path, write: Callable[[Path], object], final: bool = 
         sync_folder(path.parent)
     finally:
         temporary.unlink(missing_ok=True)
+
+
+def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
+    """Make a folder of files that are final, by their names: all of them are there and whole, or no folder is.
+
+    One that another process made meanwhile stays as it is.
+    """
+    temporary = temporary_name(folder)
+    try:
+        temporary.mkdir(parents=True)
+        for name, content in contents.items():
+            with (temporary / name).open("wb") as handle:
+                handle.write(content)
+                handle.flush()
+                os.fsync(handle.fileno())
+            (temporary / name).chmod(READ_ONLY)
+        sync_folder(temporary)
+        try:
+            temporary.rename(folder)
+        except OSError:
+            if not folder.is_dir():
+                raise
+        sync_folder(folder.parent)
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
 
 
 def temporary_name(path: Path) -> Path:

@@ -131,6 +131,11 @@ class Table:
 
     def write(self, frame: pd.DataFrame, path: Path) -> None:
         """Check `frame` and write it to `path` atomically; when it is refused, `path` is as it was."""
+        content = self.encode(frame)
+        write_atomically(path, lambda temporary: temporary.write_bytes(content), final=True)
+
+    def encode(self, frame: pd.DataFrame) -> bytes:
+        """Check `frame` and return the file that holds it."""
         checked = self.check(frame, "on write")
         arrow = pyarrow.Table.from_pandas(checked, preserve_index=False)
         described = {name: {"unit": unit, "description": told} for name, unit, told in self.describe()}
@@ -139,8 +144,7 @@ class Table:
                 described[name][SHOWN] = "%"
         fields = [field.with_metadata(described[field.name]) for field in arrow.schema]
         metadata = {**(arrow.schema.metadata or {}), b"title": self.title.encode()}
-        content = _seal(arrow.cast(pyarrow.schema(fields, metadata=metadata)))
-        write_atomically(path, lambda temporary: temporary.write_bytes(content), final=True)
+        return _seal(arrow.cast(pyarrow.schema(fields, metadata=metadata)))
 
     def read(self, path: Path) -> pd.DataFrame:
         """Read `path` and check it."""

@@ -8,13 +8,14 @@ import signal
 import subprocess
 import sys
 import time
+from functools import partialmethod
 from pathlib import Path
 
 import numpy as np
 import pandas as pd
 import pytest
 
-from pipeline.files import write_text
+from pipeline.files import write_folder, write_text
 from tests.faults import (
     STOPPING,
     check_wholeness,
@@ -406,18 +407,39 @@ def test_another_study_goes_on_with_the_parts_of_a_loop_that_was_killed(killed, 
     assert len(find_parts(killed)) == landed
 
 
-def test_bytes_then_the_name_then_the_folder_reach_the_disk(tmp_path, monkeypatch):
-    done, sync, rename = [], os.fsync, Path.replace
+@pytest.fixture
+def reached(monkeypatch):
+    """What reaches the disk, by inode, and what is named, in this order."""
+    reached, sync = [], os.fsync
 
     def sync_and_note(handle):
-        done.append(os.fstat(handle).st_ino)
+        reached.append(os.fstat(handle).st_ino)
         sync(handle)
 
-    def rename_and_note(path, target):
-        done.append("named")
+    def note(path, rename, target):
+        reached.append("named")
         return rename(path, target)
 
     monkeypatch.setattr(os, "fsync", sync_and_note)
-    monkeypatch.setattr(Path, "replace", rename_and_note)
+    for rename in (Path.replace, Path.rename):
+        monkeypatch.setattr(Path, rename.__name__, partialmethod(note, rename))
+    return reached
+
+
+def test_bytes_then_the_name_then_the_folder_reach_the_disk(tmp_path, reached):
     write_text(tmp_path / "a.txt", "whole")
-    assert done == [(tmp_path / "a.txt").stat().st_ino, "named", tmp_path.stat().st_ino]
+    assert reached == [(tmp_path / "a.txt").stat().st_ino, "named", tmp_path.stat().st_ino]
+
+
+def test_files_then_their_folder_then_its_name_reach_the_disk(tmp_path, reached):
+    folder = tmp_path / "part"
+    write_folder(folder, {"a": b"whole", "b": b"too"})
+    assert reached == [
+        *(each.stat().st_ino for each in (folder / "a", folder / "b", folder)),
+        "named",
+        tmp_path.stat().st_ino,
+    ]
+    assert (folder / "a").read_bytes() == b"whole"
+    write_folder(folder, {"a": b"other"})
+    assert (folder / "a").read_bytes() == b"whole"
+    assert [*tmp_path.iterdir()] == [folder]
