@@ -1,11 +1,11 @@
 """What figures are drawn on and with: a size and a number of panels flow in, a matplotlib figure flows out."""
 
-from __future__ import annotations
-
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+    from matplotlib.figure import Figure as Figure
+else:
+    Figure = Any  # matplotlib is slow to import, and many commands draw nothing
 
 COLOURS = ("#c1272d", "#3b6fb6", "#6b7480", "#d08a1d", "#4b8f5a", "#8059a5", "#2b2b2b")
 ARMS = {"random": "#6b7480", "y_y": "#3b6fb6", "integrated_variance": "#c1272d", "variance": "#d08a1d"}

@@ -1,16 +1,9 @@
 """Points of a calibration, the line through them, and how far each lies from it."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import COLOURS, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from stages.science.figures.canvas import COLOURS, Figure, new_figure
 
 
 def draw_channel_lines(points: pd.DataFrame, lines: pd.DataFrame) -> Figure:

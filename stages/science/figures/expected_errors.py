@@ -1,15 +1,8 @@
 """The error rate that is to be expected on the task, trial after trial, in each experiment of an arm."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import pandas as pd
 
-from stages.science.figures.canvas import COLOURS, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from stages.science.figures.canvas import COLOURS, Figure, new_figure
 
 OTHERS = "#9aa3ad"
 

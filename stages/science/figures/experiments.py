@@ -1,18 +1,12 @@
 """Experiments as points beside their mean: errors under other hyperpriors, and how far utilities fall short."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING
 
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import COLOURS, new_figure
+from stages.science.figures.canvas import COLOURS, Figure, new_figure
 from stages.science.figures.learning_curves import TITLES
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 STYLES = {"table_1": ("#2b2b2b", "o"), "mean": ("#c1272d", "s"), "variance": ("#3b6fb6", "^")}
 SPREAD = 0.24

@@ -1,18 +1,13 @@
 """Error rates of plants and of models on them, rung by rung."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import COLOURS, new_figure
+from stages.science.figures.canvas import COLOURS, Figure, new_figure
 from stages.science.figures.learning_curves import AVERAGE, MARKERS
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 TITLES = {"task": "tested on the task", "bank": "tested on the bank", "unseen_bank": "tested on an unseen bank"}
 LABELS = {"gaussian_process": "Gaussian_process"}

@@ -1,18 +1,13 @@
 """What learned models say: forces over their inputs, the trajectories chosen most often, coverage of intervals."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import COLOURS, LINES, new_figure
+from stages.science.figures.canvas import COLOURS, LINES, Figure, new_figure
 from stages.science.figures.learning_curves import AVERAGE, begin_panels, finish_panels
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LABELS = {
     "pressure_kpa": "pressure (kPa)",

@@ -1,18 +1,13 @@
 """Error rates of each muscle and of their average: over trials, and in the end for each way of identifying."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
 from itertools import cycle
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import ARMS, COLOURS, LINES, new_figure, spell_arm
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from stages.science.figures.canvas import ARMS, COLOURS, LINES, Figure, new_figure, spell_arm
 
 AVERAGE = "mean"
 MOST_BARS = 4

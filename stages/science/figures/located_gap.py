@@ -1,14 +1,12 @@
 """Where the gap lies: by channel, muscle and regime of motion, along signals, over the state plane; what is left."""
 
-from __future__ import annotations
-
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import new_figure
+from stages.science.figures.canvas import Figure, new_figure
 from stages.science.figures.signal_words import (
     AFTER,
     BEFORE,
@@ -19,9 +17,6 @@ from stages.science.figures.signal_words import (
     name_panel,
     shorten,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LEFT_OUT = "everywhere"
 NOTHING = 1.01

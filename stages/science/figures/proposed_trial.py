@@ -1,17 +1,11 @@
 """The trial that would tell rival names apart: what drives the machine, and how rivals' predictions differ."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
-from typing import TYPE_CHECKING
 
 import pandas as pd
 
-from stages.science.figures.canvas import COLOURS, LINES, new_figure
+from stages.science.figures.canvas import COLOURS, LINES, Figure, new_figure
 from stages.science.figures.signal_words import MEASURED, QUIET, label, spell
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 
 def draw_proposed_trial(signals: pd.DataFrame, rivals: Sequence[str]) -> Figure:

@@ -1,16 +1,9 @@
 """How often a search is right: shares against targets, names against truths, probabilities against outcomes."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from stages.science.figures.canvas import Figure, new_figure
 
 DARK, BLUE, RED = "#2b2b2b", "#3b6fb6", "#c1272d"
 UNNAMED = {"no_discrepancy": "(nothing)", "unexplained": "(unexplained)"}

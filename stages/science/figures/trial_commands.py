@@ -1,17 +1,12 @@
 """What muscles are commanded, trial after trial: of chosen trials beside their references, and of a protocol."""
 
-from __future__ import annotations
-
 from collections.abc import Mapping, Sequence
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import pandas as pd
 
-from stages.science.figures.canvas import COLOURS, LINES, new_figure
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from stages.science.figures.canvas import COLOURS, LINES, Figure, new_figure
 
 ANGLE_COLOUR, PRESSURE_COLOUR = "#c1272d", "#3b6fb6"
 MOST_POINTS = 100

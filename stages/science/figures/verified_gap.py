@@ -1,15 +1,13 @@
 """What effects close of the gap: candidates, signatures of named ones, the gap step by step, verification trials."""
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from itertools import pairwise
 from textwrap import fill
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import pandas as pd
 
-from stages.science.figures.canvas import new_figure
+from stages.science.figures.canvas import Figure, new_figure
 from stages.science.figures.signal_words import (
     AFTER,
     BEFORE,
@@ -23,9 +21,6 @@ from stages.science.figures.signal_words import (
     shorten,
     spell,
 )
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
 
 LETTERS_PER_INCH = 12
 FLOOR, MAP = "noise floor", "+ learned map"
