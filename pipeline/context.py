@@ -229,6 +229,13 @@ class Context:
         self.record.include(self.gather(description, function, jobs))
         return self.record.collect()
 
+    def land_each(
+        self, description: str, make: Callable[..., Mapping[str, pd.DataFrame]], jobs: Mapping[str, tuple[Any, ...]]
+    ) -> dict[str, pd.DataFrame]:
+        """Return the whole tables of a loop in which each job makes one part, ``make(*job)``, named by its note."""
+        named = {note: (note, *job) for note, job in jobs.items()}
+        return self.land(description, partial(_land, self.record, make), named)
+
     def __getstate__(self) -> dict[str, Any]:
         return {**vars(self), "console": None, "workers": Workers(1)}
 
@@ -288,6 +295,11 @@ class Context:
 
 def _call(function: Callable[..., Result], job: tuple[Any, ...]) -> Result:
     return function(*job)
+
+
+def _land(record: Record, make: Callable[..., Mapping[str, pd.DataFrame]], name: str, *job: Any) -> list[str]:
+    record.part((name,), partial(make, *job))
+    return [name]
 
 
 def _digest(name: str) -> int:

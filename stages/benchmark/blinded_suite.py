@@ -118,17 +118,7 @@ def blinded_suite(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     names = cfg.blinded_suite.sessions or list(ctx.device.catalogue())
     if len(set(names)) < len(names):
         raise ConfigError("blinded_suite.sessions: expected each name once; leave out what is there twice")
-    with ctx.progress("sessions", len(names)) as advance:
-        for name, part in zip(names, ctx.spread(partial(_land, cfg, ctx), names), strict=True):
-            ctx.record.include([part])
-            advance(name)
-    return ctx.record.collect()
-
-
-def _land(cfg: Config, ctx: Context, name: str) -> str:
-    """Search a session, land its part and return the part's name."""
-    ctx.record.part((name,), partial(_search, cfg, ctx, name))
-    return ctx.record.name((name,))
+    return ctx.land_each("sessions", partial(_search, cfg, ctx), {name: (name,) for name in names})
 
 
 def _search(cfg: Config, ctx: Context, name: str) -> dict[str, pd.DataFrame]:

@@ -62,22 +62,12 @@ def inverse_crime_check(cfg: Config, ctx: Context) -> pd.DataFrame:
     """Fit every form of its true name to each effect without noise."""
     chosen = cfg.inverse_crime_check.effects
     told = [each for each in ctx.device.effects() if not each["outsider"] and (chosen is None or each["key"] in chosen)]
-    with ctx.progress("effects", len(told)) as advance:
-        for each, part in zip(told, ctx.spread(partial(_land, cfg, ctx), told), strict=True):
-            ctx.record.include([part])
-            advance(each["key"])
-    return ctx.record.collect()[INVERSE_CRIME_CHECK.name]
+    tables = ctx.land_each("effects", partial(_compare, cfg, ctx), {each["key"]: (each,) for each in told})
+    return tables[INVERSE_CRIME_CHECK.name]
 
 
-def _land(cfg: Config, ctx: Context, told: Mapping[str, Any]) -> str:
-    """Fit the forms to an effect of the rig, land the part and return its name."""
-    key = (told["key"],)
-    ctx.record.part(key, lambda: {INVERSE_CRIME_CHECK.name: _compare(cfg, ctx, told)})
-    return ctx.record.name(key)
-
-
-def _compare(cfg: Config, ctx: Context, told: Mapping[str, Any]) -> pd.DataFrame:
-    """Return a row for each form of the true name that acts in the effect's channel."""
+def _compare(cfg: Config, ctx: Context, told: Mapping[str, Any]) -> dict[str, pd.DataFrame]:
+    """Return a row for each form of the true name that acts in an effect's channel."""
     key, name, only_form = str(told["key"]), str(told["name"]), bool(told["only_form"])
     sessions = ctx.device.record_quietly(key)
     channel = sessions[0].truth["effects"][0]["channel"]
@@ -94,8 +84,6 @@ def _compare(cfg: Config, ctx: Context, told: Mapping[str, Any]) -> pd.DataFrame
         row = {"key": key, "name": name, "form": form.form, "channel": channel, "only_form": only_form}
         rows.append({**row, "effect": effect, "left": left, "share": left / effect if effect > 0.0 else 0.0})
     found = pd.DataFrame(rows, columns=list(INVERSE_CRIME_CHECK.columns))
-    if found.empty:
-        return found
     best = found["share"] == found["share"].min()
     same = best & (found["share"] < cfg.inverse_crime_check.least_share) & (not only_form)
-    return found.assign(best=best, same_code=same)
+    return {INVERSE_CRIME_CHECK.name: found.assign(best=best, same_code=same)}

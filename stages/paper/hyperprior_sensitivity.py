@@ -184,9 +184,9 @@ def hyperprior_sensitivity(
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
     banks = list_tests({"bank": bank, "unseen_bank": unseen_bank})
     tests = [ForceTest.read(name, frame, muscles) for name, frame in banks.items()]
-    replay = partial(land, section, ctx, Replay.read(muscles, banks["bank"]), tests)
+    replay = partial(replay_experiment, section, ctx, Replay.read(muscles, banks["bank"]), tests)
     jobs = {f"experiment {each}": (each,) for each in range(1, section.experiments + 1)}
-    tables = ctx.land("experiments", replay, jobs)
+    tables = ctx.land_each("experiments", replay, jobs)
     rank = {each: position for position, each in enumerate(section.settings)}
     priors, errors = (
         tables[table.name]
@@ -207,39 +207,33 @@ def hyperprior_sensitivity(
     return priors, errors, compare_settings(errors_and_average, section.margin)
 
 
-def land(
+def replay_experiment(
     section: HyperpriorSensitivity, ctx: Context, replay: Replay, tests: Sequence[ForceTest], experiment: int
-) -> list[str]:
-    """Replay one experiment of every setting, unless an earlier process landed it; return the part's name."""
-
-    def make() -> dict[str, pd.DataFrame]:
-        muscles, loop = replay.muscles, section.loop
-        set_out, errors = [], []
-        for kind, setting in section.settings:
-            where = kind, setting, experiment
-            group = (MEAN, f"{setting:g}") if kind == MEAN else (TABLE_1,)
-            generator = partial(ctx.generator, *group, experiment)
-            priors = [
-                change_prior(prior, kind, setting, generator("means", name))
-                for name, prior in zip(muscles.names, muscles.priors, strict=True)
-            ]
-            for name, prior in zip(muscles.names, priors, strict=True):
-                values = zip(muscles.hyperparameters, prior.mean, prior.variance, strict=True)
-                set_out += [(*where, name, *each) for each in values]
-            initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False)
-            design, first = loop.design(muscles.mean), [int(each) for each in initial]
-            known = list(replay.run(design, priors, first, loop.initial_points, loop.trials, generator))
-            for test in tests:
-                before, after = (test.error_rates(each.models) for each in (known[0], known[-1]))
-                errors += [(*where, test.name, *each) for each in zip(muscles.names, before, after, strict=True)]
-        return {
-            SENSITIVITY_HYPERPRIORS.name: pd.DataFrame(set_out, columns=list(SENSITIVITY_HYPERPRIORS.columns)),
-            SENSITIVITY_ERRORS.name: pd.DataFrame(errors, columns=list(SENSITIVITY_ERRORS.columns)),
-        }
-
-    name = f"{experiment:04d}"
-    ctx.record.part((name,), make)
-    return [name]
+) -> dict[str, pd.DataFrame]:
+    """Replay one experiment under every setting."""
+    muscles, loop = replay.muscles, section.loop
+    set_out, errors = [], []
+    for kind, setting in section.settings:
+        where = kind, setting, experiment
+        group = (MEAN, f"{setting:g}") if kind == MEAN else (TABLE_1,)
+        generator = partial(ctx.generator, *group, experiment)
+        priors = [
+            change_prior(prior, kind, setting, generator("means", name))
+            for name, prior in zip(muscles.names, muscles.priors, strict=True)
+        ]
+        for name, prior in zip(muscles.names, priors, strict=True):
+            values = zip(muscles.hyperparameters, prior.mean, prior.variance, strict=True)
+            set_out += [(*where, name, *each) for each in values]
+        initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False)
+        design, first = loop.design(muscles.mean), [int(each) for each in initial]
+        known = list(replay.run(design, priors, first, loop.initial_points, loop.trials, generator))
+        for test in tests:
+            before, after = (test.error_rates(each.models) for each in (known[0], known[-1]))
+            errors += [(*where, test.name, *each) for each in zip(muscles.names, before, after, strict=True)]
+    return {
+        SENSITIVITY_HYPERPRIORS.name: pd.DataFrame(set_out, columns=list(SENSITIVITY_HYPERPRIORS.columns)),
+        SENSITIVITY_ERRORS.name: pd.DataFrame(errors, columns=list(SENSITIVITY_ERRORS.columns)),
+    }
 
 
 def change_prior(prior: Hyperprior, kind: str, setting: float, generator: np.random.Generator) -> Hyperprior:

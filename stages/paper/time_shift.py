@@ -150,9 +150,9 @@ def time_shift(
     muscles = MuscleSet.read(candidates, hyperprior, scaling)
     banks = list_tests({"bank": bank, "unseen_bank": unseen_bank})
     tests = [ForceTest.read(name, frame, muscles) for name, frame in banks.items()]
-    replay = partial(land, section, ctx, Replay.read(muscles, banks["bank"]), tests)
+    replay = partial(replay_experiment, section, ctx, Replay.read(muscles, banks["bank"]), tests)
     jobs = {f"experiment {each}": (each,) for each in range(1, section.experiments + 1)}
-    curve = ctx.land("experiments", replay, jobs)[SHIFT_CURVE.name]
+    curve = ctx.land_each("experiments", replay, jobs)[SHIFT_CURVE.name]
     curve = curve.sort_values(["amplitude_s", "experiment", "trial"], kind="stable", ignore_index=True)
     caption = (
         "Error rate averaged over muscles after each trial, where the samples taken are shifted in time by up to so "
@@ -162,29 +162,25 @@ def time_shift(
     return curve, compare_shifts(curve, section.margin)
 
 
-def land(section: TimeShift, ctx: Context, replay: Replay, tests: Sequence[ForceTest], experiment: int) -> list[str]:
-    """Replay one experiment without shift and with each, unless its part is there; return the part's name."""
-
-    def make() -> dict[str, pd.DataFrame]:
-        generator = partial(ctx.generator, "experiment", experiment)
-        muscles, loop = replay.muscles, section.loop
-        initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False)
-        rows: list[tuple[Any, ...]] = []
-        for amplitude_s in (NO_SHIFT, *section.amplitudes_s):
-            design, first = loop.design(muscles.mean), [int(each) for each in initial]
-            known = replay.run(design, muscles.priors, first, loop.initial_points, loop.trials, generator, amplitude_s)
-            for trial, interaction in enumerate(known):
-                for test in tests:
-                    rates = test.error_rates(interaction.models)
-                    rows += [
-                        (amplitude_s, experiment, trial, test.name, name, rate * largest, rate)
-                        for name, rate, largest in zip(muscles.names, rates, test.largest_n, strict=True)
-                    ]
-        return {SHIFT_CURVE.name: pd.DataFrame(rows, columns=list(SHIFT_CURVE.columns))}
-
-    name = f"{experiment:04d}"
-    ctx.record.part((name,), make)
-    return [name]
+def replay_experiment(
+    section: TimeShift, ctx: Context, replay: Replay, tests: Sequence[ForceTest], experiment: int
+) -> dict[str, pd.DataFrame]:
+    """Replay one experiment without shift and with each."""
+    generator = partial(ctx.generator, "experiment", experiment)
+    muscles, loop = replay.muscles, section.loop
+    initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False)
+    rows: list[tuple[Any, ...]] = []
+    for amplitude_s in (NO_SHIFT, *section.amplitudes_s):
+        design, first = loop.design(muscles.mean), [int(each) for each in initial]
+        known = replay.run(design, muscles.priors, first, loop.initial_points, loop.trials, generator, amplitude_s)
+        for trial, interaction in enumerate(known):
+            for test in tests:
+                rates = test.error_rates(interaction.models)
+                rows += [
+                    (amplitude_s, experiment, trial, test.name, name, rate * largest, rate)
+                    for name, rate, largest in zip(muscles.names, rates, test.largest_n, strict=True)
+                ]
+    return {SHIFT_CURVE.name: pd.DataFrame(rows, columns=list(SHIFT_CURVE.columns))}
 
 
 def summarise(curve: pd.DataFrame) -> pd.DataFrame:

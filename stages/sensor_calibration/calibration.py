@@ -246,7 +246,7 @@ class Loop:
             "stopped": recording.stopped,
         }
         frame, row = pd.DataFrame(where | counted), pd.DataFrame([where | told])
-        return fill_part({CALIBRATION_SAMPLES.name: frame, CALIBRATION_TURNS.name: row})
+        return {CALIBRATION_SAMPLES.name: frame, CALIBRATION_TURNS.name: row}
 
     def read_gauge(self, turn: Turn, attempt: int) -> dict[str, pd.DataFrame]:
         """Read what the gauge showed, or ask for it, and for the next point with it."""
@@ -262,7 +262,7 @@ class Loop:
             where = f"{tell}{label(turn.point, attempt)},KPA >> {self.gauge}"
             raise PointRequested(following, 1, f"{self.news}{where}{then}")
         row = pd.DataFrame({"point": [turn.point], "attempt": [attempt], "gauge_kpa": [found]})
-        return fill_part({CALIBRATION_READINGS.name: row})
+        return {CALIBRATION_READINGS.name: row}
 
     def ask(self, turn: Turn) -> str:
         """Return what a person is asked to do."""
@@ -273,15 +273,6 @@ class Loop:
         path: Path = self.ctx.folder / "documents" / "asks.json"
         asked = read_json(path) if path.exists() else {}
         return (asked.get("point"), asked.get("attempt")) == (turn.point, attempt)
-
-
-def fill_part(frames: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
-    """Return a part with no rows for the tables that it tells nothing about."""
-    empty = {
-        each.name: pd.DataFrame({name: pd.Series(dtype=its.dtype.type) for name, its in each.columns.items()})
-        for each in TABLES
-    }
-    return empty | frames
 
 
 def judge_turn(

@@ -139,7 +139,7 @@ def test_amplitudes_do_not_depend_on_the_others_and_the_unseen_bank_may_be_absen
 def test_a_killed_run_goes_on_and_a_copy_in_another_process_finds_the_same(small, tmp_path, monkeypatch):
     stop_after(monkeypatch, 1, run, tmp_path, small.tables)
     landed = {path.name: path.stat().st_mtime_ns for path in (tmp_path / "parts" / "time_shift").iterdir()}
-    assert sorted(landed) == ["0001"]
+    assert sorted(landed) == ["experiment 1"]
     curve, comparison = run(tmp_path, small.tables)
     assert {name: (tmp_path / "parts" / "time_shift" / name).stat().st_mtime_ns for name in landed} == landed
     pd.testing.assert_frame_equal(curve, small.curve)

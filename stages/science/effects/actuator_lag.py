@@ -17,5 +17,3 @@ EFFECT = DynamicEffect(
     relatives=("transport_delay", "viscous_friction"),
     terms=name_terms(drive_lag="paces"),
 )
-
-FORMS = (EFFECT,)

@@ -24,5 +24,3 @@ EFFECT = ChainEffect(
     relatives=("hysteresis", "coulomb_friction"),
     apply=_apply,
 )
-
-FORMS = (EFFECT,)

@@ -46,7 +46,6 @@ DUFFING = DynamicEffect(
     source=EFFECT.source,
     signature="the resonance bends towards higher frequency as the motion grows, and lower where the spring softens",
     split_by="a slow sweep through the resonance at a small and a large input",
-    relatives=(),
     terms=name_terms(cubic="share"),
 )
 

@@ -17,8 +17,5 @@ EFFECT = ChainEffect(
     source="nothing",
     signature="nothing beyond noise and wander",
     split_by="no experiment",
-    relatives=(),
     apply=_apply,
 )
-
-FORMS = (EFFECT,)

@@ -26,5 +26,3 @@ EFFECT = DynamicEffect(
     terms=name_terms(scale_over_rim="scale_over_rim", share_down="share_down"),
     scales=False,
 )
-
-FORMS = (EFFECT,)

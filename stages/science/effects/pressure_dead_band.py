@@ -39,5 +39,3 @@ EFFECT = ChainEffect(
     relatives=("threshold_pressure", "sensor_offset", "cable_slack"),
     apply=_apply,
 )
-
-FORMS = (EFFECT,)

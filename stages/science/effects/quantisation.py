@@ -33,7 +33,6 @@ EFFECT = ChainEffect(
     source="Widrow, Kollar, Quantization noise (2008)",
     signature="force moves in equal steps and stands between them",
     split_by="a slow sweep of pressure: the steps are equal",
-    relatives=(),
     apply=_apply,
 )
 

@@ -41,7 +41,6 @@ EFFECT = ChainEffect(
     source="Bendat, Piersol, Random data, 4th edition (2010), chapter 10: data acquisition",
     signature="force stays at one value wherever it should exceed it",
     split_by="a slow sweep to the largest pressure",
-    relatives=(),
     apply=_apply,
 )
 
@@ -85,7 +84,6 @@ DRIVE = DynamicEffect(
     source=EFFECT.source,
     signature="the response stays behind where the input is largest, at any frequency",
     split_by="a slow sweep of the input to its largest value",
-    relatives=(),
     terms=name_terms(drive_cut="scale_over_level"),
     scales=False,
 )
@@ -149,7 +147,6 @@ LAG_READING = replace(
     site="lag",
     signature="the reading stays at one value wherever the output should go beyond it",
     split_by="a second sensor of a wider range",
-    relatives=(),
 )
 
 FORMS = (

@@ -40,7 +40,6 @@ OSCILLATOR = DynamicEffect(
     source=EFFECT.source,
     signature="the response errs by the same amount at all times",
     split_by="a reading at rest without input",
-    relatives=(),
     terms=name_terms(sensor_offset="share"),
 )
 

@@ -60,5 +60,3 @@ EFFECT = ChainEffect(
     relatives=("sensor_offset", "moment_arm_variation"),
     apply=_apply,
 )
-
-FORMS = (EFFECT,)

@@ -19,5 +19,3 @@ EFFECT = DynamicEffect(
     scales=False,
     unsigned=True,
 )
-
-FORMS = (EFFECT,)

@@ -39,7 +39,6 @@ LATE_INPUT = DynamicEffect(
     source="Ljung, System identification: theory for the user, 2nd edition (1999), section 4.2: input delay",
     signature="the residual leads the response by the same time at every frequency",
     split_by="a chirp or steps of the input",
-    relatives=(),
     terms=name_terms(delay="periods"),
 )
 

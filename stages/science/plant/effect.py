@@ -99,7 +99,7 @@ class NamedEffect:
     """What its absence from a model leaves in the residual, in one sentence."""
     split_by: str
     """The experiment that tells it from its nearest relatives."""
-    relatives: tuple[str, ...]
+    relatives: tuple[str, ...] = ()
     """Names of effects that ordinary excitation may not tell from it."""
 
 
@@ -196,7 +196,8 @@ def list_forms(name: str) -> tuple[Effect, ...]:
     known = list_effects()
     if name not in known:
         raise ValueError(f"unknown effect '{name}': {nearest(name, known)}")
-    return importlib.import_module(name_module(name)).FORMS
+    module = importlib.import_module(name_module(name))
+    return getattr(module, "FORMS", (module.EFFECT,))
 
 
 def find_effect(name: str, form: str | None = None) -> Effect:

@@ -142,7 +142,6 @@ def act_on_muscle(learned: LearnedMap, muscles: Sequence[str]) -> ChainEffect:
         source="learnt from the recorded data",
         signature="What no named effect explains.",
         split_by="",
-        relatives=(),
         apply=apply,
     )
 

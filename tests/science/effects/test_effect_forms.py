@@ -34,7 +34,7 @@ def both(effect, parameters, signals, **where):
 @pytest.mark.parametrize("effect", ALL, ids=label)
 def test_a_form_declares_itself_and_parameters_that_begin_and_are_expected_within_their_bounds(effect):
     module = importlib.import_module(f"stages.science.effects.{effect.name}")
-    assert module.FORMS[0] is module.EFFECT is find_effect(effect.name)
+    assert module.EFFECT is find_effect(effect.name)
     assert len(module.__doc__) > 60
     assert find_effect(effect.name, effect.form) is effect
     assert effect in list_forms(effect.name)
