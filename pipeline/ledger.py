@@ -176,6 +176,11 @@ class Ledger:
         """Record of each stage, by name."""
         return self.facts["stages"]  # type: ignore[no-any-return]
 
+    @property
+    def metrics(self) -> dict[str, dict[str, Any]]:
+        """The numbers that tell the run, by name; none before its end."""
+        return self.facts.get("metrics") or {}
+
     def finished(self, stage: str) -> dict[str, Any] | None:
         """Return a stage's record if the stage is done in this run."""
         record = self.records.get(stage)

@@ -162,12 +162,11 @@ def _make_plan(ledger: Ledger, stages: Sequence[Stage], reached: Sequence[Stage]
 
 def _list_facts(ledger: Ledger) -> list[tuple[str, str]]:
     machine, git = ledger.facts["machine"], ledger.facts["git"]
-    metrics = ledger.facts.get("metrics") or {}
     return [
         ("Started", ledger.facts["started"]),
         ("Machine", f"{machine['system']}, {machine['cores']} cores, Python {machine['python']}"),
         *([("Code", describe_commit(git))] if git else []),
-        *((head, format_value(value)) for head, value in starmap(show_metric, metrics.items())),
+        *((head, format_value(value)) for head, value in starmap(show_metric, ledger.metrics.items())),
     ]
 
 

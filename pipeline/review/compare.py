@@ -99,12 +99,8 @@ def review(options: argparse.Namespace, console: Console) -> None:
     say(f"page: {path}", console)
 
 
-def _begin_upper(text: str) -> str:
-    return text[:1].upper() + text[1:]
-
-
 def _show_difference(found: "Difference") -> list[Block]:
-    return [("heading", _begin_upper(found.title)), *_show_grid(found.frame)]
+    return [("heading", found.title[:1].upper() + found.title[1:]), *_show_grid(found.frame)]
 
 
 def _show_grid(frame: pd.DataFrame) -> list[Block]:
@@ -216,7 +212,7 @@ class Comparison:
         )
 
     def _compare_metrics(self) -> Difference:
-        found = [each.facts.get("metrics") or {} for each in self.ledgers]
+        found = [each.metrics for each in self.ledgers]
         columns: dict[str, list[Any]] = {}
         same = []
         for name in dict.fromkeys(name for each in found for name in each):

@@ -36,7 +36,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
     frame = _list_everything(options.outputs, options.jobs, list(dict.fromkeys(keys)))
     frame = sort_rows(keep_rows(frame, conditions), options.sort)
     found = [each for ledgers in frame.pop("found") for each in ledgers]
-    units = {key: "%" for key in keys if _is_in_percent(found, key)}
+    units = {key: "%" for key in keys if any(each.metrics.get(key, {}).get("percent") for each in found)}
     shown = show_percent(frame, units).rename(columns=lambda name: add_unit(name, units.get(name, "")))
     print_frame(f"Runs in {folder.parent}", shown, console, options.rows, "--rows")
     if not options.jobs and frame["run"].str.endswith("/").any():
@@ -112,7 +112,7 @@ def _look_up(ledgers: Iterable[Ledger], key: str) -> Any:
 
 
 def _look_up_one(ledger: Ledger, key: str) -> Any:
-    metric = (ledger.facts.get("metrics") or {}).get(key)
+    metric = ledger.metrics.get(key)
     if metric is not None:
         return metric["value"]
     for record in ledger.records.values():
@@ -124,12 +124,8 @@ def _look_up_one(ledger: Ledger, key: str) -> Any:
     return None
 
 
-def _is_in_percent(ledgers: Iterable[Ledger], key: str) -> bool:
-    return any((each.facts.get("metrics") or {}).get(key, {}).get("percent") for each in ledgers)
-
-
 def _suggest(key: str, ledgers: Sequence[Ledger]) -> str:
-    named = [*COLUMNS, *{name for each in ledgers for name in (each.facts.get("metrics") or {})}]
+    named = [*COLUMNS, *{name for each in ledgers for name in each.metrics}]
     paths = flatten({name: section for each in ledgers for name, section in read_slices(each).items()})
     offered = suggest(key, [*named, *paths])
     return f"{suggest(key, named)}, or a configuration key" if offered.startswith("choose") else offered

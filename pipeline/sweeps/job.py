@@ -96,7 +96,7 @@ class JobTask:
         runner = Runner(study, stages, arguments, open_console(quiet=True), given, folder, ONE_WORKER)
         ending = run_in_subprocess(
             lambda: _run(runner),
-            self._is_stopped_by_signal,
+            lambda: self.launch.stop == STOPPED_BY_SIGNAL,
             follow_parent=not self.launch.is_own,
         )
         if ending.code == TAKEN:
@@ -106,9 +106,6 @@ class JobTask:
         if ended is not None and ended.status == "killed":
             try_report(ended, study, stages)
         return outcome
-
-    def _is_stopped_by_signal(self) -> bool:
-        return self.launch.stop == STOPPED_BY_SIGNAL
 
     def _describe(self, ledger: Ledger | None, ending: Ending) -> Outcome:
         """Return what became of a job that was run; note in its ledger what it could not note itself."""

@@ -45,7 +45,7 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, dict[str, str]]]
         values = split_overrides(overrides.get(job) or job.split(","))
         axes.update(dict.fromkeys(values))
         facts = ledger.facts if ledger else {}
-        measured = facts.get("metrics") or {}
+        measured = ledger.metrics if ledger else {}
         metrics.update({name: _describe_metric(each) for name, each in measured.items()})
         error = facts.get("error") or {}
         absent = "not begun" if job in overrides else "no ledger"

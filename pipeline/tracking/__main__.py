@@ -91,7 +91,8 @@ class Sender:
     def _send_all(self) -> None:
         """Send how the command's own runs ended, then what earlier ones left, but for what others have at work."""
         store = self._connect()
-        left = [each for each in list_marked(self.destination) if not _is_at_work(each)]
+        marked = list_marked(self.destination)
+        left = [each for each in marked if not (is_launched(each) if is_sweep(each) else is_running(Ledger(each)))]
         for folder in [*self.folders, *(each for each in left if each not in self.folders)]:
             store.send(folder)
             clear(self.destination, folder)
@@ -101,10 +102,6 @@ def _look_at_ledgers(folder: Path) -> list[tuple[str, int]]:
     """Return what changes with the ledgers of a run or of a sweep's jobs."""
     paths = [each / FILE_NAME for each in (list_jobs(folder) if is_sweep(folder) else [folder])]
     return [(str(each), each.stat().st_mtime_ns) for each in paths if each.exists()]
-
-
-def _is_at_work(folder: Path) -> bool:
-    return is_launched(folder) if is_sweep(folder) else is_running(Ledger(folder))
 
 
 def main() -> int:

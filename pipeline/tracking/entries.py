@@ -178,7 +178,7 @@ def read_sweep(folder: Path, looks: bool = True) -> Entry | None:
 def _list_tags(ledger: Ledger, config: dict[str, Any], status: str) -> dict[str, str]:
     facts, workflow = ledger.facts, config.get("workflow") or {}
     error = facts.get("error") or {}
-    words = {name: each["value"] for name, each in _metrics(ledger).items() if isinstance(each["value"], str)}
+    words = {name: each["value"] for name, each in ledger.metrics.items() if isinstance(each["value"], str)}
     tags = {
         "status": status,
         "command": facts["command"],
@@ -202,10 +202,6 @@ def _host(ledger: Ledger) -> str:
     return str((ledger.facts.get("machine") or {}).get("host", ""))
 
 
-def _metrics(ledger: Ledger) -> dict[str, dict[str, Any]]:
-    return ledger.facts.get("metrics") or {}
-
-
 def _find_end(ledger: Ledger) -> str:
     """Return when a run ended; of one that could not note it, when its last file was written."""
     began = datetime.fromisoformat(ledger.facts["started"])
@@ -217,7 +213,7 @@ def _list_metrics(ledger: Ledger, ended: str | None) -> Iterator[Point]:
     facts = ledger.facts
     if ended is None:
         return
-    found = {name: each["value"] for name, each in _metrics(ledger).items()}
+    found = {name: each["value"] for name, each in ledger.metrics.items()}
     found |= {"wall_s": facts.get("seconds"), "peak_memory_mb": facts.get("peak_memory_mb")}
     for name, value in found.items():
         if isinstance(value, int | float) and math.isfinite(value):
@@ -275,7 +271,7 @@ def _describe(ledger: Ledger) -> str:
     """Return in Markdown how a run is told at a glance: its metrics with units, the reason of a failure."""
     error = ledger.facts.get("error")
     lines = [f"**{error['stage']}**: {error['message']}"] if error else []
-    lines += [f"{head}: {format_value(value)}" for head, value in starmap(show_metric, _metrics(ledger).items())]
+    lines += [f"{head}: {format_value(value)}" for head, value in starmap(show_metric, ledger.metrics.items())]
     return "  \n".join(lines)
 
 

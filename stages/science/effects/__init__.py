@@ -5,9 +5,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from stages.science.plant.effect import State
-from stages.science.plant.operators import slide_after_yielding
+from stages.science.plant.effect import Parameter, State
+from stages.science.signals.operators import follow_stops
 from stages.science.signals.trajectories import Array
+
+PRESLIDING = Parameter(
+    "presliding", "1", 0.0001, 0.004, 0.001, 0.001, "contraction over which it yields first", (0.0008, 0.0025)
+)
+"""Of a cable's dry friction that turns gradually after a reversal."""
 
 
 @dataclass(frozen=True)
@@ -29,5 +34,5 @@ def name_terms(**names: str) -> Terms:
 def slide(state: State, parameters: Mapping[str, float]) -> Array:
     """Return the direction of a cable's friction, (T, K); where it is told how, the cable yields before it slides."""
     if "presliding" in parameters:
-        return slide_after_yielding(state, parameters)
+        return follow_stops(state.contraction, np.array([parameters["presliding"]]))
     return np.tanh(state.velocity_per_s / parameters["sliding_per_s"])

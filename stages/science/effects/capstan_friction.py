@@ -8,9 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.science.effects import slide
+from stages.science.effects import PRESLIDING, slide
 from stages.science.plant.effect import ChainEffect, Parameter, State, Values
-from stages.science.plant.operators import PRESLIDING
 from stages.science.signals.trajectories import Array
 
 BEND, SLIDES = "friction coefficient times the sheath's total bend", "contraction velocity at which the cable slides"

@@ -10,10 +10,9 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.science.effects import name_terms, slide
+from stages.science.effects import PRESLIDING, name_terms, slide
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter, State
 from stages.science.plant.muscle import pull_at_rest
-from stages.science.plant.operators import PRESLIDING
 from stages.science.signals.trajectories import Array
 
 

@@ -7,9 +7,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.science.effects import slide
+from stages.science.effects import PRESLIDING, slide
 from stages.science.plant.effect import ChainEffect, Parameter, State, Values
-from stages.science.plant.operators import PRESLIDING
 from stages.science.signals.trajectories import Array
 
 

@@ -99,17 +99,14 @@ class WholeRecordChannel(OutputChannel):
         """Effects at the plant's site that it does not list yet; a level that exact values show is theirs."""
         taken = {entry.name for entry in self.plant.effects}
         found = list_effects_at(self.plant.SITE, [name for name in list_effects() if name not in taken])
+        below_zero = self.measured[self.present].min(initial=0.0) < -BELOW * self.range
         forms = []
         for each in found:
-            if not self.plant.offers(each) or (getattr(each, "unsigned", False) and self._goes_below_zero):
+            if not self.plant.offers(each) or (getattr(each, "unsigned", False) and below_zero):
                 continue
             scales = getattr(each, "scales", True) and not self.plant.drifts
             forms.append(EffectForm(each.name, each.form, each.site, each.parameters, each, scales, tried=True))
         return tuple(self._read_level(form) for form in forms)
-
-    @property
-    def _goes_below_zero(self) -> bool:
-        return bool(self.measured[self.present].min(initial=0.0) < -BELOW * self.range)
 
     def _read_level(self, form: EffectForm) -> EffectForm:
         """Return a form with the parameter at the level that exact values show, if they do."""

@@ -14,8 +14,9 @@ import numpy as np
 import pandas as pd
 import pandera.pandas as pa
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, PrivateAttr, model_validator
+from pydantic import PrivateAttr, model_validator
 
+from stages.science.plant.declaration import Declared
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.participant import Participant
 from stages.science.rig.attendance import Attendance, TrialDeclined
@@ -46,13 +47,11 @@ class TrialStopped(RigError):
         self.noticed_at_s = noticed_at_s
 
 
-class Rig(BaseModel):
+class Rig(Declared):
     """Executes trials on the machine of the configuration; a subclass runs one trial, and says how it connects.
 
     Beside the participants, ``experimenter`` moves freely and ``nobody`` is in passive trials.
     """
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     real: ClassVar[bool]
     recorded: ClassVar[bool] = False

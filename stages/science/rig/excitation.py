@@ -10,7 +10,7 @@ from typing import Annotated, Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
-from pydantic import BaseModel, ConfigDict, Field, NonNegativeFloat, NonNegativeInt, PositiveInt, model_validator
+from pydantic import Field, NonNegativeFloat, NonNegativeInt, PositiveInt, model_validator
 
 from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.exoskeleton import Exoskeleton
@@ -188,10 +188,8 @@ class FreeMovements(Declared):
         return {"trajectory": np.full(len(columns["time_s"]), trajectory), **columns}
 
 
-class RigWithLimits(BaseModel):
+class RigWithLimits(Declared, extra="ignore"):
     """The rig's limits on commands, where it has them; its other keys are passed over."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
 
     limits: Limits | None = None
 

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
 
-from stages.science.plant import filters, joint, muscle, operators
+from stages.science.plant import filters, joint, muscle
 from stages.science.plant.chain import Chain
 from stages.science.plant.interaction import interact
 from stages.science.plant.participant import Intention, embody, intend
+from stages.science.signals import operators
 from stages.science.signals.trajectories import pressure_profiles
 from tests.science.plant.machines import configured, other_machine, with_effects
 
