@@ -65,8 +65,7 @@ EFFECT = {effect}(
     ),
     source="TO DO: where the form comes from, with the year; so far it is a fit of what was left",
     signature="{channel} errs by a formula of {inputs}",
-    split_by="TO DO: the experiment that distinguishes it from its relatives",
-    relatives=(),
+    split_by="TO DO: the experiment that distinguishes it from others",
     apply=apply,
 )
 

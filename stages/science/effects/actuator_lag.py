@@ -14,6 +14,5 @@ EFFECT = DynamicEffect(
     source="Franklin, Powell, Emami-Naeini, Feedback control of dynamic systems, 7th edition (2015): motors",
     signature="the response to a step of the input begins flat, and the slow part of the motion lags most",
     split_by="a chirp of the input: a lag loses amplitude as the frequency grows, a delay does not",
-    relatives=("transport_delay", "viscous_friction"),
     terms=name_terms(drive_lag="paces"),
 )

@@ -21,6 +21,5 @@ EFFECT = ChainEffect(
     source="Nordin, Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38 (2002)",
     signature="force stands for a short way after every reversal, more where it depends more on contraction",
     split_by="slow reversals at two pressures: the way after a reversal stays the same",
-    relatives=("hysteresis", "coulomb_friction"),
     apply=_apply,
 )

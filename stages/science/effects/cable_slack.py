@@ -43,7 +43,6 @@ EFFECT = ChainEffect(
     ),
     signature="force is short, more where the muscle is short, and reaches zero before the model does",
     split_by="low pressure at the end of the range where the muscle is shortest, until it goes slack",
-    relatives=("pressure_dead_band", "moment_arm_variation", "end_stiffening"),
     apply=_apply,
 )
 

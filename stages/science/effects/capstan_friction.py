@@ -34,7 +34,6 @@ EFFECT = ChainEffect(
     ),
     signature="force at the joint is short by a share of itself while the muscle shortens, and over while it lengthens",
     split_by="slow reversals at two pressures: the step at reversal grows with tension",
-    relatives=("coulomb_friction", "stribeck_friction"),
     apply=_apply,
 )
 

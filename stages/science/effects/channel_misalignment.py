@@ -33,7 +33,6 @@ EFFECT = ChainEffect(
     source="Ljung, System identification: theory for the user, 2nd edition (1999), chapter 14: preprocessing data",
     signature="force errs in proportion to its own rate of change, whether pressure or motion changes it",
     split_by="steps of pressure at rest, and quick reversals at constant pressure",
-    relatives=("viscous_friction", "transport_delay"),
     apply=_apply,
 )
 
@@ -51,7 +50,6 @@ LATE_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer errs in proportion to its own rate of change",
     split_by="the same loop at three speeds: its width grows with speed and with stiffness",
-    relatives=("viscous_friction", "hysteresis"),
     apply=_apply_to_element,
 )
 

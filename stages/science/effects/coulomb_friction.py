@@ -42,7 +42,6 @@ EFFECT = JointEffect(
     source=SOURCE,
     signature="the joint sticks at reversals and lags behind the torque by a constant amount",
     split_by="slow reversals of the joint at two pressures: the step at reversal stays the same",
-    relatives=("stribeck_friction", "capstan_friction"),
     terms=name_terms(coulomb_nm="torque_nm", coulomb_rad_per_s="sliding_rad_per_s"),
 )
 
@@ -60,7 +59,6 @@ CABLE = ChainEffect(
     source=SOURCE,
     signature="force steps by the same amount at every reversal, short while the muscle shortens",
     split_by="slow reversals at two pressures: the step at reversal stays the same",
-    relatives=("stribeck_friction", "capstan_friction", "hysteresis"),
     apply=_apply,
 )
 
@@ -75,7 +73,6 @@ SLIDER = DynamicEffect(
     source=SOURCE,
     signature="small motions are damped more than large ones, and the motion sticks before it rests",
     split_by="free decay: the envelope falls by as much with every period",
-    relatives=("hysteresis", "viscous_friction"),
     terms=name_terms(coulomb="share", sliding="sliding"),
 )
 
@@ -115,7 +112,6 @@ RUBBING_ELEMENT = ElementEffect(
     source=SOURCE,
     signature="the answer steps by the same amount whenever motion turns",
     split_by="the same loop at three speeds: a step at the turn, however slow",
-    relatives=("hysteresis", "viscous_friction"),
     apply=_apply_to_element,
 )
 

@@ -63,7 +63,6 @@ EFFECT = ChainEffect(
     ),
     signature="force overshoots after a reach and drifts back within seconds, while nothing moves",
     split_by="a step of contraction held for ten seconds at constant pressure",
-    relatives=("hysteresis", "sensor_drift"),
     apply=_apply,
 )
 
@@ -90,7 +89,6 @@ YIELDING_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer goes on changing after motion has ended",
     split_by="a step that is held for ten times as long as a movement takes",
-    relatives=("hysteresis", "viscous_friction"),
     apply=_apply_to_element,
 )
 

@@ -30,7 +30,6 @@ EFFECT = ChainEffect(
     source="Kovacic, Brennan, The Duffing equation: nonlinear oscillators and their behaviour (2011)",
     signature="force errs by a cubic of contraction, the same at every pressure and in both directions",
     split_by="a slow sweep over the whole range of contraction at two pressures",
-    relatives=("end_stiffening", "moment_arm_variation"),
     apply=_apply,
 )
 
@@ -63,7 +62,6 @@ HARDENING_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer errs by a cubic of what moves it, the same in both directions",
     split_by="a slow sweep over the whole range",
-    relatives=("saturation",),
     apply=_apply_to_element,
 )
 

@@ -50,7 +50,6 @@ EFFECT = ChainEffect(
     ),
     signature="force errs at one end of the range, more steeply the further, and is right elsewhere",
     split_by="slow reaches to both ends of the range at two pressures",
-    relatives=("cubic_stiffness", "moment_arm_variation", "cable_slack"),
     apply=_apply,
 )
 

@@ -69,7 +69,6 @@ EFFECT = ChainEffect(
     ),
     signature="a loop of force over contraction, whatever the speed, that turns within a small way after each reversal",
     split_by="small reversals inside a large one, slow, at constant pressure",
-    relatives=("coulomb_friction", "creep"),
     apply=_apply,
 )
 
@@ -84,7 +83,6 @@ BOUC_WEN_SPRING = DynamicEffect(
     source="Wen, Method for random vibration of hysteretic systems, ASCE J. Eng. Mech. Div. 102 (1976)",
     signature="force over motion makes a loop that does not shrink with speed",
     split_by="a very slow cycle to both ends, twice as far the second time",
-    relatives=("coulomb_friction", "viscous_friction"),
     terms=name_terms(hysteretic="share", turning="turning"),
 )
 
@@ -118,7 +116,6 @@ SLIDING_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer at the same place of its path differs by the way that led there, at any pace",
     split_by="the same loop at three speeds, and small loops inside it",
-    relatives=("coulomb_friction", "creep"),
     apply=_apply_stops_to_element,
 )
 PLAYING_ELEMENT = replace(
@@ -160,7 +157,6 @@ PLAYING_LAG = DynamicEffect(
     source="Krasnoselskii, Pokrovskii, Systems with hysteresis, Springer (1989): the play operator",
     signature="the output settles below the input after a rise and above it after a fall, and ignores small moves",
     split_by="a staircase of inputs up and down, each step held until it settles",
-    relatives=("valve_asymmetry", "valve_lag"),
     terms=name_terms(play="half_width"),
 )
 
@@ -210,7 +206,6 @@ FORMS = (
         ),
         signature="pressure settles below the command after a rise and above it after a fall, and ignores small moves",
         split_by="a staircase of commands up and down, each step held until it settles",
-        relatives=("valve_asymmetry", "valve_lag"),
         apply=_apply_to_command,
     ),
     BOUC_WEN_SPRING,

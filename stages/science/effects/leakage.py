@@ -57,7 +57,6 @@ EFFECT = ChainEffect(
     source="Beater, Pneumatic drives: system design, modelling and control (2007): leakage",
     signature="pressure settles below the command, by a share of it",
     split_by="a staircase of commands, each held until it settles, and the supply shut off",
-    relatives=("sensor_gain", "sensor_offset"),
     apply=_apply,
 )
 

@@ -40,7 +40,6 @@ EFFECT = ElementEffect(
     ),
     signature="the answer steps whenever motion turns, and more so under load",
     split_by="slow reversals at two loads: the step grows with the load",
-    relatives=("coulomb_friction", "hysteresis"),
     apply=_apply,
     scales=False,
     loaded=True,

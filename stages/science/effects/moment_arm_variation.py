@@ -44,7 +44,6 @@ EFFECT = ChainEffect(
     ),
     signature="force errs with the joint's angle and in proportion to pressure, in both directions of motion alike",
     split_by="slow sweeps over the whole range of the joint at three pressures",
-    relatives=("series_elasticity", "cable_slack", "end_stiffening", "cubic_stiffness"),
     apply=_apply,
 )
 

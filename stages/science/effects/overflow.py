@@ -22,7 +22,6 @@ EFFECT = DynamicEffect(
     ),
     signature="the level rises quicker than it should after the input was high for long, and falls earlier",
     split_by="a slow rise of the input beyond the overflow: the upper level stops",
-    relatives=("saturation",),
     terms=name_terms(scale_over_rim="scale_over_rim", share_down="share_down"),
     scales=False,
 )

@@ -36,6 +36,5 @@ EFFECT = ChainEffect(
     ),
     signature="force is absent at low pressure and right above it",
     split_by="a slow sweep of pressure from zero at constant contraction",
-    relatives=("threshold_pressure", "sensor_offset", "cable_slack"),
     apply=_apply,
 )

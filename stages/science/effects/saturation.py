@@ -103,7 +103,6 @@ TANK_READING = replace(
     site="tank",
     signature="the reading stays at one value wherever the level should go beyond it",
     split_by="a gauge on the glass beside the sensor",
-    relatives=("overflow",),
 )
 
 FULL_TANK = replace(
@@ -131,7 +130,6 @@ CUT_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer stays at one value wherever it should go beyond it, at one end or at both",
     split_by=EFFECT.split_by,
-    relatives=("cubic_stiffness",),
     apply=_apply_to_element,
 )
 

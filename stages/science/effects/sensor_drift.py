@@ -52,7 +52,6 @@ EFFECT = ChainEffect(
     source="JCGM 200, International vocabulary of metrology (2012), 4.21: instrumental drift",
     signature="force errs by an amount that changes along the session and not with what is done",
     split_by="the same reference trial at the session's start, middle and end",
-    relatives=("creep",),
     apply=_apply,
 )
 
@@ -70,7 +69,6 @@ DRIFTING_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer errs by an amount that changes along the session and not with what is done",
     split_by="the same movement at the beginning and at the end",
-    relatives=("creep",),
     apply=_apply_to_element,
 )
 
@@ -104,7 +102,6 @@ FORMS = (
         signal="sensed_pressure_kpa",
         parameters=(Parameter("drift_kpa_per_min", "kPa/min", -50.0, 50.0, 0.0, 2.0, "drift", (1.0, -1.0)),),
         signature="pressure errs by an amount that changes along the session and not with what is done",
-        relatives=(),
         apply=_apply_to_pressure,
     ),
     replace(
@@ -113,7 +110,6 @@ FORMS = (
         signal="sensed_pressure_kpa",
         parameters=(Parameter("drift_kpa", "kPa", -100.0, 100.0, 0.0, 5.0, "drift in the end", (6.0, -6.0)), TAU),
         signature="pressure errs by an amount that changes along the session and not with what is done",
-        relatives=(),
         apply=_apply_warming_to_pressure,
     ),
     DRIFTING_ELEMENT,

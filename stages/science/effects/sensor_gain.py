@@ -23,7 +23,6 @@ EFFECT = ChainEffect(
     source="JCGM 200, International vocabulary of metrology (2012), 4.12 and 4.20: sensitivity and instrumental bias",
     signature="force errs in proportion to itself, always",
     split_by="known weights on the load cell",
-    relatives=("sensor_offset", "series_elasticity"),
     apply=_apply,
 )
 
@@ -35,6 +34,5 @@ FORMS = (
         signal="sensed_pressure_kpa",
         signature="pressure errs in proportion to itself, always, and force as if pressure were another",
         split_by="a second pressure gauge",
-        relatives=("sensor_offset",),
     ),
 )

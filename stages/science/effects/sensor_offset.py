@@ -28,7 +28,6 @@ EFFECT = ChainEffect(
     source="JCGM 200, International vocabulary of metrology (2012), 4.20 and 4.28: instrumental bias and zero error",
     signature="force errs by the same amount always",
     split_by="the load cell unloaded, before and after the session",
-    relatives=("threshold_pressure", "pressure_dead_band", "series_elasticity"),
     apply=_apply,
 )
 
@@ -54,7 +53,6 @@ FORMS = (
         ),
         signature="pressure errs by the same amount always, and force as if pressure were another",
         split_by="the muscle vented, before and after the session",
-        relatives=("threshold_pressure",),
         apply=_apply_to_pressure,
     ),
     OSCILLATOR,

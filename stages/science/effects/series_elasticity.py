@@ -57,6 +57,5 @@ EFFECT = ChainEffect(
     ),
     signature="force is short where it is large, more than in proportion, whatever the direction of motion",
     split_by="a wide range of pressure times contraction, standing still",
-    relatives=("sensor_offset", "moment_arm_variation"),
     apply=_apply,
 )

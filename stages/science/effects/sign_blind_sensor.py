@@ -14,7 +14,6 @@ EFFECT = DynamicEffect(
     ),
     signature="the response turns back at zero wherever it should go below",
     split_by="a slow motion through zero, watched with the eye",
-    relatives=("saturation",),
     terms=name_terms(folded="share"),
     scales=False,
     unsigned=True,

@@ -39,7 +39,6 @@ EFFECT = ChainEffect(
     ),
     signature="force steps at reversals by more in slow motion than in quick motion",
     split_by="reversals at constant pressure, from very slow to quick",
-    relatives=("coulomb_friction", "capstan_friction"),
     apply=_apply,
 )
 

@@ -37,7 +37,6 @@ EFFECT = ChainEffect(
     ),
     signature="force is short by a constant share of the area times pressure, at every pressure beyond the threshold",
     split_by="a slow sweep of pressure from zero at constant contraction",
-    relatives=("pressure_dead_band", "sensor_offset"),
     apply=_apply,
 )
 

@@ -25,7 +25,6 @@ EFFECT = ChainEffect(
     source="Astrom, Hagglund, PID controllers: theory, design and tuning (1995), chapter 2: first order with dead time",
     signature="pressure lags behind the command by the same time at every rate of change",
     split_by="steps of command, or a chirp to 10 Hz: a delay keeps the amplitude",
-    relatives=("valve_lag",),
     apply=_apply,
 )
 
@@ -50,7 +49,6 @@ LATE_LAG = DynamicEffect(
     source=EFFECT.source,
     signature="the output answers to steps late, and then as it should",
     split_by="steps of the input",
-    relatives=("valve_lag",),
     terms=name_terms(delay="paces"),
 )
 

@@ -33,7 +33,6 @@ EFFECT = ChainEffect(
     ),
     signature="pressure errs after steps up and after steps down with the same sign: one is slow, the other quick",
     split_by="equal steps of command up and down",
-    relatives=("valve_rate_limit", "valve_lag"),
     apply=_apply,
 )
 
@@ -47,7 +46,6 @@ UNEQUAL_LAG = DynamicEffect(
     source=EFFECT.source,
     signature="the output errs after steps up and after steps down with the same sign: one is slow, the other quick",
     split_by="equal steps of the input up and down",
-    relatives=("valve_rate_limit", "valve_lag"),
     terms=name_terms(asymmetry="asymmetry"),
 )
 

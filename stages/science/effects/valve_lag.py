@@ -25,7 +25,6 @@ EFFECT = ChainEffect(
     ),
     signature="pressure starts later than the model after a step and then catches up more steeply",
     split_by="steps of command, or a chirp to 10 Hz: a lag loses amplitude, a delay does not",
-    relatives=("transport_delay", "valve_rate_limit"),
     apply=_apply,
 )
 
@@ -37,7 +36,6 @@ SECOND_LAG = DynamicEffect(
     source=EFFECT.source,
     signature="the output starts later than the model after a step and then catches up more steeply",
     split_by="steps of the input, or a chirp: a lag loses amplitude, a delay does not",
-    relatives=("transport_delay", "valve_rate_limit"),
     terms=name_terms(second_lag="paces"),
 )
 

@@ -53,7 +53,6 @@ EFFECT = ChainEffect(
     ),
     signature="pressure climbs straight after large steps, late by more the larger the step",
     split_by="small and large steps of command from one level",
-    relatives=("valve_lag", "valve_asymmetry"),
     apply=_apply,
 )
 
@@ -69,7 +68,6 @@ LIMITED_LAG = DynamicEffect(
     source=EFFECT.source,
     signature="the output climbs straight after large steps, late by more the larger the step",
     split_by="small and large steps of the input from one level",
-    relatives=("valve_lag", "valve_asymmetry"),
     terms=name_terms(rate_cut="slowness"),
     scales=False,
 )

@@ -48,7 +48,6 @@ EFFECT = ChainEffect(
     ),
     signature="force is short in proportion to the velocity of shortening, and right at rest",
     split_by="the same way at three speeds and two pressures",
-    relatives=("coulomb_friction", "channel_misalignment"),
     apply=_apply,
 )
 
@@ -62,7 +61,6 @@ DAMPED_MOTION = DynamicEffect(
     source=EFFECT.source,
     signature="the motion runs ahead in proportion to its velocity",
     split_by="coasting without force: velocity decays exponentially",
-    relatives=("coulomb_friction",),
     terms=name_terms(damping="share"),
 )
 
@@ -78,7 +76,6 @@ QUADRATIC = DynamicEffect(
     source="Nayfeh, Mook, Nonlinear oscillations (1979), section 3.3.2: quadratic damping",
     signature="the resonance flattens as the motion grows: damping lacks at high velocity",
     split_by="free decay from a large motion: its envelope bends",
-    relatives=("coulomb_friction", "hysteresis"),
     terms=name_terms(drag="share"),
 )
 
@@ -96,7 +93,6 @@ DAMPED_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer errs in proportion to the rate of motion, and is right at rest",
     split_by="the same loop at three speeds: its width grows with speed",
-    relatives=("coulomb_friction", "channel_misalignment"),
     apply=_apply_to_element,
 )
 

@@ -98,9 +98,7 @@ class NamedEffect:
     signature: str
     """What its absence from a model leaves in the residual, in one sentence."""
     split_by: str
-    """The experiment that tells it from its nearest relatives."""
-    relatives: tuple[str, ...] = ()
-    """Names of effects that ordinary excitation may not tell from it."""
+    """The experiment that tells it from effects that ordinary excitation may not tell from it."""
 
 
 @dataclass(frozen=True, kw_only=True)
