@@ -109,10 +109,6 @@ class Record:
         """Return whether a part is on disk."""
         return (self.folder / self.name(key)).is_dir()
 
-    def include(self, keys: Iterable[str]) -> None:
-        """Count parts that other processes wrote among those of this loop, in the order given."""
-        self.keys.update(dict.fromkeys(keys))
-
     def collect(self) -> dict[str, pd.DataFrame]:
         """Return the whole tables: the parts in the order in which the loop asked for them."""
         parts = [self._read(name) for name in self.keys]
@@ -226,7 +222,7 @@ class Context:
         self, description: str, function: Callable[..., Iterable[str]], jobs: Mapping[str, tuple[Any, ...]]
     ) -> dict[str, pd.DataFrame]:
         """Return the whole tables of a loop: ``function(*job)`` writes parts of its record and returns their names."""
-        self.record.include(self.gather(description, function, jobs))
+        self.record.keys.update(dict.fromkeys(self.gather(description, function, jobs)))
         return self.record.collect()
 
     def land_each(

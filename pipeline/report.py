@@ -88,11 +88,6 @@ def try_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path | 
         return None
 
 
-def is_whole_page(path: Path) -> bool:
-    """Return whether a report is there to its last line."""
-    return path.is_file() and path.read_bytes().rstrip().endswith(b"</html>")
-
-
 def headline_tables(study: Study, stages: Sequence[Stage]) -> list[Table]:
     """Return the contracts of the tables that the workflow wants seen first, as far as the stages write them."""
     by_name = {table.name: table for each in stages for table in each.writes}

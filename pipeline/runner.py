@@ -31,7 +31,7 @@ from pipeline.files import link, link_folder, write_json, write_text
 from pipeline.interruption import Interrupted, Watch, watch
 from pipeline.ledger import FILE_NAME, Ledger, files_of, now
 from pipeline.plan import Ingredients, Step, decide, find_parts, gather, make_plan, parts_folder
-from pipeline.report import PAGE_NAME, is_whole_page, print_headline, try_report, write_report
+from pipeline.report import PAGE_NAME, print_headline, try_report, write_report
 from pipeline.runs import Claim, claim, list_ledgers, make_exclusively, sweeps_folder
 from pipeline.stage import Stage
 from pipeline.sweeps.launch import name_job
@@ -368,7 +368,7 @@ class Runner:
             print_headline(ledger, self.study, self.stages, self.console)
         page = ledger.folder / PAGE_NAME
         try:
-            if not is_whole_page(page):
+            if not (page.is_file() and page.read_bytes().rstrip().endswith(b"</html>")):
                 write_report(ledger, self.study, self.stages)
         except OSError as error:
             complain(f"cannot write {page}: {error.strerror}; the tables are there; make it writable, then run again")

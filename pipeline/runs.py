@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from datetime import datetime
+from functools import partial
 from pathlib import Path
 from typing import NamedTuple
 
@@ -93,13 +94,9 @@ def is_running(ledger: Ledger) -> bool:
 
 def _hold(folder: Path) -> Lease | None:
     """Return the lease of a run, now held by this process, or None where another one holds it."""
-    lease = Lease(folder / LOCK_NAME, _stop_at_safe_point)
+    lost = partial(os.kill, os.getpid(), signal.SIGTERM)  # a machine that had not heard of this one took the run over
+    lease = Lease(folder / LOCK_NAME, lost)
     return lease if lease.take() else None
-
-
-def _stop_at_safe_point() -> None:
-    """Stop this process as Ctrl-C would: a machine that had not heard of it took its run over."""
-    os.kill(os.getpid(), signal.SIGTERM)
 
 
 def live_status(ledger: Ledger) -> str:

@@ -84,7 +84,9 @@ class Sender:
     def _send_changed(self) -> None:
         store = self._connect()
         for folder in list(self.folders):
-            if (ledgers := _look_at_ledgers(folder)) != self._seen.get(folder):
+            paths = [each / FILE_NAME for each in (list_jobs(folder) if is_sweep(folder) else [folder])]
+            ledgers = [(str(each), each.stat().st_mtime_ns) for each in paths if each.exists()]
+            if ledgers != self._seen.get(folder):
                 store.send(folder, looks=False)
                 self._seen[folder] = ledgers
 
@@ -96,12 +98,6 @@ class Sender:
         for folder in [*self.folders, *(each for each in left if each not in self.folders)]:
             store.send(folder)
             clear(self.destination, folder)
-
-
-def _look_at_ledgers(folder: Path) -> list[tuple[str, int]]:
-    """Return what changes with the ledgers of a run or of a sweep's jobs."""
-    paths = [each / FILE_NAME for each in (list_jobs(folder) if is_sweep(folder) else [folder])]
-    return [(str(each), each.stat().st_mtime_ns) for each in paths if each.exists()]
 
 
 def main() -> int:

@@ -61,16 +61,12 @@ def simulate_force(
         at = np.stack(own, axis=1)
         pressure, contraction, velocity = (_bridge(each[at], usable[at]) for each in signals.values())
         pressure, velocity = (smooth(each, step_s, smoothing_s) for each in (pressure, velocity))
-        force[at] = _show_force(Chain(exoskeleton, plant, start_s), exoskeleton, pressure, contraction, velocity)
+        chain = Chain(exoskeleton, plant, start_s)
+        pressure = chain.unsense_pressure(pressure)
+        pulled = chain.pull(pressure, contraction, velocity)[exoskeleton.load_cell_site == "joint_end"]
+        force[at] = chain.sense_force(pulled, pressure, contraction, velocity)
         start_s += in_session * len(at) * step_s
     return force
-
-
-def _show_force(chain: Chain, exoskeleton: Exoskeleton, pressure: Array, contraction: Array, velocity: Array) -> Array:
-    pressure = chain.unsense_pressure(pressure)
-    force, tension = chain.pull(pressure, contraction, velocity)
-    pulled = force if exoskeleton.load_cell_site == "muscle_tip" else tension
-    return chain.sense_force(pulled, pressure, contraction, velocity)
 
 
 def _bridge(signal: Array, usable: Array) -> Array:

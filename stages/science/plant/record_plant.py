@@ -357,19 +357,15 @@ class RecordPlant(Declared):
         Here the output as the textbook would have it, its rate, and the inputs. The measured output would carry the
         noise that is to be told from what a model can explain.
         """
-        return self.list_watched(self.simulate_textbook(signals, step_s, constants), signals, step_s)
+        begun = read_initial_state([column[:HEAD] for column in signals[self.output].T], step_s)
+        plain, refined = self.model_copy(update={"effects": []}), self.refine(signals, step_s)
+        return self.list_watched(plain.simulate(refined, step_s, np.zeros(1), constants, (), begun), signals, step_s)
 
     def list_watched(self, state: Array, signals: Mapping[str, Array], step_s: float) -> list[Watched]:
         """Return a state (T, R), its rate per pace, and the inputs."""
         rate = np.gradient(state, step_s, axis=0) * (self.time_scale_s or 1.0)
         told = [Watched(self.WATCHED[0], state, False), Watched(self.WATCHED[1], rate, True)]
         return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]
-
-    def simulate_textbook(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> Array:
-        """Return the output without effects, (T, R), from the state that its first samples tell; see `watch`."""
-        begun = read_initial_state([column[:HEAD] for column in signals[self.output].T], step_s)
-        plain = self.model_copy(update={"effects": []})
-        return plain.simulate(self.refine(signals, step_s), step_s, np.zeros(1), constants, (), begun)
 
     def respond(self, features: Array, step_s: float) -> Array:
         """Return the features of a flexible model, (T, K, F), as the output answers to them: here at once."""
