@@ -41,6 +41,8 @@ RAGGED, ENDS = 0.25, 3
 """Whole rows over shorter ones below which, if those are of more widths than so many, they are no table."""
 LISTED, SHOWN = 5, 60
 """Lines that a remark lists, and characters that it shows of one."""
+ODD = ("comments", "no row of numbers", "lacks its last values", "of another table", "below the table")
+"""Why lines are no rows of a table."""
 HEADS = 3
 """Rows above the values that may head the columns: names, units, and what was done to them."""
 REMARKED = "comment"
@@ -106,8 +108,7 @@ def read_delimited(path: Path) -> TextTable:
         raise ValueError("expected two rows of numbers or more, got one")
     ended = bool(columns[-1].missing[kept].all())
     names, units, above = _find_heads(lines[:first], (separator, decimal), width, ended)
-    odd = _Odd.sort(lines, {*map(int, rows)}, (first, last), separator, width, decimal)
-    odd.check(len(rows), width)
+    dropped = _describe_odd(lines, {*map(int, rows)}, (first, last), separator, width, decimal)
     told = _name(names, columns, kept)
     frame = pd.DataFrame({name: _settle(columns[k], fields[k], kept) for k, name in told.items()})
     own = {name: columns[k].tell_unit(kept) or (units[k] if units else "") for k, name in told.items()}
@@ -121,7 +122,7 @@ def read_delimited(path: Path) -> TextTable:
     }
     said = tuple(each for each, holds in remarks.items() if holds)
     single = _list_facts(lines[: first - (len(names) > 0)])
-    return TextTable(frame, {name: unit for name, unit in own.items() if unit}, single, said, odd.tell())
+    return TextTable(frame, {name: unit for name, unit in own.items() if unit}, single, said, dropped)
 
 
 def _decode(path: Path) -> tuple[str, str]:
@@ -151,10 +152,6 @@ def _split(line: str, separator: str) -> list[str]:
     if '"' not in line:
         return [each.strip() for each in line.split(separator)]
     return [each.strip() for each in next(csv.reader([line.strip("\r\n ")], delimiter=separator), [])]
-
-
-def _is_number(field: str, decimal: str) -> bool:
-    return _to_number(field, decimal) is not None
 
 
 def _to_number(field: str, decimal: str, thousands: bool = False) -> float | None:
@@ -207,7 +204,7 @@ def _choose(lines: Sequence[str]) -> tuple[str, str, int]:
 
 
 def _is_value(field: str, decimal: str) -> bool:
-    if _is_number(field, decimal) or MOMENT.match(field) or _split_unit(field, decimal) is not None:
+    if _to_number(field, decimal) is not None or MOMENT.match(field) or _split_unit(field, decimal) is not None:
         return True
     return decimal in field and _to_number(field, decimal, thousands=True) is not None
 
@@ -304,7 +301,7 @@ def _find_heads(
         row = _split_head(bare, separator, width, ended)
         above_units = len(heads) == 1 and _count_units(heads[0]) == 1.0  # where channels may be but numbered
         names = row[:1] if row and above_units else row
-        if row and names and any(row) and not any(_is_number(each, decimal) for each in names):
+        if row and names and any(row) and not any(_to_number(each, decimal) is not None for each in names):
             heads.append(row)
         elif bare.strip() and not found:
             if not heads:
@@ -376,62 +373,34 @@ def _list_facts(lines: Iterable[str]) -> dict[str, float]:
     return found
 
 
-@dataclass(frozen=True)
-class _Odd:
-    """Lines, counted from 1, that are no rows of a table: comments in it, text, short rows, long ones, what follows."""
+def _describe_odd(
+    lines: Sequence[str], rows: set[int], ends: tuple[int, int], separator: str, width: int, decimal: str
+) -> tuple[str, ...]:
+    """Return a remark for each reason why lines from the first row on are no rows of the table.
 
-    comments: list[int]
-    text: list[int]
-    short: list[int]
-    long: list[tuple[int, int]]
-    after: list[int]
-
-    @classmethod
-    def sort(
-        cls,
-        lines: Sequence[str],
-        rows: set[int],
-        ends: tuple[int, int],
-        separator: str,
-        width: int,
-        decimal: str,
-    ) -> "_Odd":
-        """Return what lines beside the rows are, between the first and the last of these and below."""
-        found = cls([], [], [], [], [])
-        for place in range(ends[0], len(lines)):
-            if place in rows or not lines[place].strip(f" \r\n{separator}"):
-                continue
-            parts = _split(lines[place], separator)
-            values = sum(_is_value(each, decimal) for each in parts)
-            if COMMENT.match(lines[place]):
-                found.comments.append(place + 1)
-            elif (len(parts) < width and values == len(parts)) or (values and _is_value(parts[0], decimal)):
-                (found.long.append((place + 1, len(parts))) if len(parts) > width else found.short.append(place + 1))
-            else:
-                (found.after if place > ends[1] else found.text).append(place + 1)
-        return found
-
-    def check(self, rows: int, width: int) -> None:
-        """Refuse a table in which a few rows have more values than the others; many are another table."""
-        if self.long and len(self.long) < max(LACKING * rows, 4):
-            place, count = self.long[0]
-            raise ValueError(f"Expected {width} fields in line {place}, saw {count}")
-
-    def tell(self) -> tuple[str, ...]:
-        """Return what is left out, one remark for each reason."""
-        told = (
-            ("comments", self.comments),
-            ("no row of numbers", self.text),
-            ("lacks its last values", self.short),
-            ("of another table", [place for place, _ in self.long]),
-            ("below the table", self.after),
-        )
-        return tuple(
-            f"{_count(len(places), 'line')} left out, {why}: {', '.join(map(str, places[:LISTED]))}"
-            f"{', ...' if len(places) > LISTED else ''}"
-            for why, places in told
-            if places
-        )
+    A table in which a few rows have more values than the others is refused; many are another table.
+    """
+    comments, text, short, long, after = found = [list[int]() for _ in ODD]
+    for place in range(ends[0], len(lines)):
+        if place in rows or not lines[place].strip(f" \r\n{separator}"):
+            continue
+        parts = _split(lines[place], separator)
+        values = sum(_is_value(each, decimal) for each in parts)
+        if COMMENT.match(lines[place]):
+            comments.append(place + 1)
+        elif (len(parts) < width and values == len(parts)) or (values and _is_value(parts[0], decimal)):
+            (long if len(parts) > width else short).append(place + 1)
+        else:
+            (after if place > ends[1] else text).append(place + 1)
+    if long and len(long) < max(LACKING * len(rows), 4):
+        saw = len(_split(lines[long[0] - 1], separator))
+        raise ValueError(f"Expected {width} fields in line {long[0]}, saw {saw}")
+    return tuple(
+        f"{_count(len(places), 'line')} left out, {why}: {', '.join(map(str, places[:LISTED]))}"
+        f"{', ...' if len(places) > LISTED else ''}"
+        for why, places in zip(ODD, found, strict=True)
+        if places
+    )
 
 
 def _count(number: int, what: str) -> str:
