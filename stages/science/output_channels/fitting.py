@@ -116,7 +116,8 @@ class Model:
         bare = simulated if self.family is None else simulated - self.family.columns.values @ weights
         moved -= bare[:, :, None]
         moved /= steps
-        return np.where(self.output.present[:, :, None], moved, 0.0)
+        moved[~self.output.present] = 0.0
+        return moved
 
 
 @dataclass(frozen=True)
@@ -208,8 +209,8 @@ def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int =
 
     collector = Collector(model.output, noise, None if model.family is None else model.family.columns)
     simulated, residual, cost = look(values)
+    slopes, white = linearise()
     for _ in range(iterations):
-        slopes, white = linearise()
         pull, precision, room = (mean - values) / sd**2, 1.0 / sd**2, (low - values, high - values)
         step = _bounded_step(white, pull, precision, *room)
         shorter = [0.5**halving * step for halving in range(6)]
@@ -223,9 +224,9 @@ def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int =
             break
         fallen = cost - found[2]
         values, (simulated, residual, cost) = trial, found
+        slopes, white = linearise()
         if fallen < ENOUGH * cost:
             break
-    slopes, white = linearise()
     if model.family is not None:
         slopes = np.concatenate([slopes, model.family.columns.values], axis=2)
     margin = 1e-9 * np.where(np.isfinite(high - low), high - low, 0.0)
