@@ -29,28 +29,32 @@ SAMPLES = 5
 """Samples in the width over which pressure is smoothed, of the most that are kept."""
 
 
-def _collect_records(tables: MeasuredTables, muscle: str, joints: Mapping[str, str], smoothing_s: float) -> Records:
+Spread = Mapping[str, tuple[Any, Array]]
+"""By column, where it was measured, and its values, (T, K) each."""
+
+
+def _collect_records(
+    tables: MeasuredTables, spread: Mapping[str, Spread], muscle: str, joints: Mapping[str, str], smoothing_s: float
+) -> Records:
     """Return one muscle's trials, in their order, as arrays; another joint's angle is that of its first muscle."""
     measured, trials = tables.measured, tables.measured_trials
-    order = list(trials["trial"])
-    samples = int(measured.groupby(["trial", "muscle"]).size().max())
-    own = measured[measured["muscle"] == muscle]
-    step_s = float(np.median(np.diff(own[own["trial"] == order[0]]["time_s"])))
+    order, samples = list(trials["trial"]), len(spread[muscle]["contraction"][1])
+    first = measured.loc[(measured["muscle"] == muscle) & (measured["trial"] == order[0]), "time_s"]
+    step_s = float(np.median(np.diff(first)))
     known, signals = {}, {}
     for name, column in SIGNALS.items():
-        known[name], signals[name] = _spread(own, order, column, samples)
+        known[name], signals[name] = spread[muscle][column]
     start = trials["start_s"].to_numpy(dtype=float)
     start = np.where(np.isfinite(start), start, np.arange(len(order)) * samples * step_s)
     signals["smooth_pressure_kpa"] = smooth(signals["pressure_kpa"], step_s, smoothing_s)
     signals["velocity_per_s"] = smooth(signals["velocity_per_s"], step_s, smoothing_s)
     others, seen = {}, {joints.get(muscle)}
     for name in [each for each in joints if each != muscle]:
-        rows, joint = measured[measured["muscle"] == name], joints[name]
         for signal in ("pressure_kpa", "pressure_command_kpa"):
-            others[f"{name} {signal}"] = _spread(rows, order, signal, samples)[1]
-        if joint not in seen:
-            seen.add(joint)
-            others[f"{joint} contraction"] = _spread(rows, order, "contraction", samples)[1]
+            others[f"{name} {signal}"] = spread[name][signal][1]
+        if joints[name] not in seen:
+            seen.add(joints[name])
+            others[f"{joints[name]} contraction"] = spread[name]["contraction"][1]
     readings = {name: np.where(known[name], signals[name], np.nan) for name in ("pressure_kpa", "force_n")}
     times = max(int(smoothing_s / SAMPLES / step_s * (1.0 + 1e-9)), 1)
     signals = {name: decimate(each, times, held=name == "command_kpa") for name, each in signals.items()}
@@ -90,9 +94,15 @@ def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings)
     load_cell_site: Literal["muscle_tip", "joint_end"] = "muscle_tip" if site == "muscle_tip" else "joint_end"
     muscles = tables.measured_muscles
     joints = dict(zip(muscles["muscle"], muscles["joint"], strict=True))
+    order = list(tables.measured_trials["trial"])
+    samples = int(tables.measured.groupby(["trial", "muscle"]).size().max())
+    spread = {
+        str(name): {column: _spread(rows, order, column, samples) for column in SIGNALS.values()}
+        for name, rows in tables.measured.groupby("muscle")
+    }
     outputs: list[MuscleChannel] = []
     for row in muscles.to_dict("records"):
-        records = _collect_records(tables, row["muscle"], joints, limits.smoothing_s)
+        records = _collect_records(tables, spread, row["muscle"], joints, limits.smoothing_s)
         area, arm = 1000.0 * np.pi * (0.5 * row["nominal_diameter_m"]) ** 2, row["sign"] * row["moment_arm_m"]
         if row["type"] not in settings.max_pressure_kpa:
             raise ValueError(
