@@ -55,8 +55,12 @@ def build_features(output: OutputChannel) -> Array:
         columns += [aside * change for change in changes]
         columns += [np.abs(aside), np.abs(aside) * own[0][1]]
     columns += _session(output, states)
-    features = np.stack([_standardise(column) for column in columns], axis=2)
-    return np.where(output.present[:, :, None], output.respond(features), 0.0)
+    features = np.empty((*output.present.shape, len(columns)))
+    for place, column in enumerate(columns):
+        features[:, :, place] = _standardise(column)
+    answers = output.respond(features)
+    answers[~output.present] = 0.0
+    return answers
 
 
 def list_memory(output: OutputChannel) -> Array:

@@ -5,7 +5,7 @@ their own, or boosted trees, neither of which has a name for anything, were fitt
 tells the noise from what is reproducible.
 """
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -24,6 +24,8 @@ PENALTIES = (1e4, 1e3, 1e2, 1e1, 1.0, 1e-1)
 FOLDS = 5
 MEMORY_SAMPLES = 200
 """Largest number of delayed samples of all inputs in a linear memory."""
+AT_ONCE = 16
+"""Columns of signals that are squared at once."""
 MOST_ROWS = 2000
 """Samples that trees are fitted to, at most; neighbours in time tell the same."""
 TREES = {"max_iter": 25, "learning_rate": 0.3, "max_leaf_nodes": 12, "min_samples_leaf": 20, "max_bins": 64}
@@ -79,14 +81,18 @@ def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: 
     """
     output = fit.model.output
     present = output.present
-    together = np.concatenate([fit.slopes, features, fit.residual[:, :, None]], axis=2)
-    if noise is None:
-        spread = float(np.sqrt((fit.residual**2).sum() / max(present.sum(), 1))) or 1.0
-        white = together / spread
-    else:
-        white = whiten(together, present, noise, output.step_s)
+    spread = float(np.sqrt((fit.residual**2).sum() / max(present.sum(), 1))) or 1.0
+
+    def collect(trial: int) -> Array:
+        return np.concatenate([fit.slopes[:, trial], features[:, trial], fit.residual[:, trial, None]], axis=1)
+
+    white = np.empty((*fit.residual.shape, fit.slopes.shape[2] + features.shape[2] + 1))
+    for trial in range(output.trials):
+        own = collect(trial)
+        one = own[:, None], present[:, [trial]]
+        white[:, trial] = own / spread if noise is None else whiten(*one, noise, output.step_s)[:, 0]
     known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
-    return _leave_each_out(white, together, fit.precision, known)
+    return _leave_each_out(white, collect, fit.precision, known)
 
 
 def explain_by_trees(output: OutputChannel, residual: Array, learnt: Mask | None = None) -> Array:
@@ -127,21 +133,25 @@ def explain_by_memory(output: OutputChannel, residual: Array, learnt: Mask | Non
     known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
     together = np.where(output.present[:, :, None], np.concatenate([past, residual[:, :, None]], axis=2), 0.0)
     spread = float(np.sqrt((residual**2).sum() / max(output.present.sum(), 1))) or 1.0
-    return _leave_each_out(together / spread, together, np.empty(0), known)
+    return _leave_each_out(together / spread, lambda trial: together[:, trial], np.empty(0), known)
 
 
-def _leave_each_out(white: Array, raw: Array, precision: Array, learnt: Mask) -> Array:
-    first = len(precision)
-    scale = np.sqrt(np.maximum((white[:, :, :-1] ** 2).mean(axis=(0, 1)), 1e-300))
+def _leave_each_out(white: Array, collect: Callable[[int], Array], precision: Array, learnt: Mask) -> Array:
+    """Return what is left of each trial, (T, K), by columns of white signals, (T, K, F), the residual last.
+
+    `collect` returns a trial's signals as they are, (T, F): one trial at a time, as there are hundreds of columns.
+    """
+    first, trials, columns = len(precision), white.shape[1], white.shape[2] - 1
+    sizes = [(white[:, :, place : place + AT_ONCE] ** 2).mean(axis=(0, 1)) for place in range(0, columns, AT_ONCE)]
+    scale = np.sqrt(np.maximum(np.concatenate(sizes)[:columns], 1e-300))
     scale[:first] = 1.0
-    by_trial = np.ascontiguousarray(white.transpose(1, 0, 2))
-    by_trial[:, :, :-1] /= scale
-    grams = Grams(
-        by_trial[:, :, :-1].transpose(0, 2, 1) @ by_trial[:, :, :-1],
-        (by_trial[:, :, -1][:, None, :] @ by_trial[:, :, :-1])[:, 0, :],
-        (by_trial[:, :, -1] ** 2).sum(axis=1),
-        np.zeros(len(by_trial)),
-    )
+    grams = Grams(np.empty((trials, columns, columns)), np.empty((trials, columns)), np.empty(trials), np.zeros(trials))
+    for trial in range(trials):
+        own = white[:, trial].copy()
+        own[:, :-1] /= scale
+        grams.slopes[trial] = own[:, :-1].T @ own[:, :-1]
+        grams.cross[trial] = (own[:, -1][None] @ own[:, :-1])[0]
+        grams.square[trial] = (own[None, :, -1] ** 2).sum(axis=1)[0]
     total, cross = grams.slopes[learnt].sum(axis=0), grams.cross[learnt].sum(axis=0)
     best: tuple[float, Array] | None = None
     for penalty in PENALTIES:
@@ -156,6 +166,8 @@ def _leave_each_out(white: Array, raw: Array, precision: Array, learnt: Mask) ->
             break
         best = (float(left[learnt].sum()), weights)
     assert best is not None
-    explained = np.matmul(raw[:, :, :-1].transpose(1, 0, 2), (best[1] / scale)[:, :, None])[:, :, 0]
-    residual: Array = raw[:, :, -1] - explained.T
+    residual = np.empty(white.shape[:2])
+    for trial, weights in enumerate(best[1] / scale):
+        own = collect(trial)
+        residual[:, trial] = own[:, -1] - own[:, :-1] @ weights
     return residual
