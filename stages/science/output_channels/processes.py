@@ -21,19 +21,20 @@ def map_in_processes(work: Callable[[Task], Done], tasks: Sequence[Task], sample
     """Return the results of all tasks, shared by processes where tasks have at least `LONG` samples together.
 
     Results can be pickled. Each process takes the next task when it is done with one, and this one takes its part. A
-    process that was started by another, as a sweep's jobs are, computes all by itself, and this one also what a copy
-    that was killed did not send.
+    process that was started by another, as a sweep's jobs are, computes all by itself.
     """
     if sys.platform != "linux" or samples < LONG or parent_process() is not None:
         return [work(each) for each in tasks]
     context = get_context("fork")
-    reading, writing = os.pipe()
-    os.write(writing, b"".join(place.to_bytes(2) for place in range(len(tasks))))
-    os.close(writing)
+    taken = context.Value("i", 0)
 
     def take() -> Iterator[int]:
-        while place := os.read(reading, 2):
-            yield int.from_bytes(place)
+        while True:
+            with taken.get_lock():
+                place, taken.value = taken.value, taken.value + 1
+            if place >= len(tasks):
+                return
+            yield place
 
     def share(receiving: Connection, sending: Connection) -> None:
         receiving.close()  # so that sending fails when the first process is gone
@@ -57,17 +58,13 @@ def map_in_processes(work: Callable[[Task], Done], tasks: Sequence[Task], sample
             copies.append((process, pipe[0]))
         done = {place: work(tasks[place]) for place in take()}
         for _, receiving in copies:
-            try:
-                found = receiving.recv()
-            except EOFError:  # it was killed
-                continue
+            found = receiving.recv()
             if isinstance(found, Exception):
                 raise found
             done |= found
     finally:
-        os.close(reading)
         for process, receiving in copies:
             receiving.close()
             process.terminate()
             process.join()
-    return [done[place] if place in done else work(each) for place, each in enumerate(tasks)]
+    return [done[place] for place in range(len(tasks))]
