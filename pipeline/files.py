@@ -31,8 +31,7 @@ def write_atomically(path: Path, write: Callable[[Path], object], final: bool = 
     temporary = temporary_name(path)
     try:
         write(temporary)
-        with temporary.open("rb") as handle:
-            os.fsync(handle.fileno())
+        sync_file(temporary)
         if final:
             temporary.chmod(READ_ONLY)
         temporary.replace(path)
@@ -50,10 +49,8 @@ def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
     try:
         temporary.mkdir(parents=True)
         for name, content in contents.items():
-            with (temporary / name).open("wb") as handle:
-                handle.write(content)
-                handle.flush()
-                os.fsync(handle.fileno())
+            (temporary / name).write_bytes(content)
+            sync_file(temporary / name)
             (temporary / name).chmod(READ_ONLY)
         sync_folder(temporary)
         try:
@@ -69,6 +66,12 @@ def write_folder(folder: Path, contents: Mapping[str, bytes]) -> None:
 def temporary_name(path: Path) -> Path:
     """Return a name beside `path` that no process on any machine takes, for what is to be renamed to `path`."""
     return path.with_name(f".{path.stem}.{uuid4().hex[:12]}{TEMPORARY_SUFFIX}{path.suffix}")
+
+
+def sync_file(path: Path) -> None:
+    """Have the bytes of a file reach the disk."""
+    with path.open("rb") as handle:
+        os.fsync(handle.fileno())
 
 
 def sync_folder(folder: Path) -> None:

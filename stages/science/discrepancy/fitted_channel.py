@@ -22,8 +22,7 @@ from stages.science.output_channels.flexible import (
 )
 from stages.science.output_channels.grams import Columns
 from stages.science.output_channels.noise import Noise, estimate_noise, make_plain
-from stages.science.output_channels.output_channel import Counts, EffectForm, OutputChannel
-from stages.science.output_channels.processes import map_in_processes
+from stages.science.output_channels.output_channel import Counts, EffectForm, OutputChannel, map_in_threads
 from stages.science.output_channels.trial_noise import TrialNoise
 from stages.science.signals.trajectories import Array
 
@@ -140,8 +139,8 @@ def prepare(output: OutputChannel) -> FittedChannel:
 
 
 def prepare_all(outputs: Sequence[OutputChannel]) -> list[FittedChannel]:
-    """Return outputs with their nominal fits, each by `prepare`, in several processes."""
-    return map_in_processes(prepare, outputs, sum(each.measured.size for each in outputs))
+    """Return outputs with their nominal fits, each by `prepare`, in threads."""
+    return map_in_threads(prepare, outputs, sum(each.measured.size for each in outputs))
 
 
 def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, left: Leftover) -> FittedChannel:

@@ -24,8 +24,7 @@ from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import TrialScores, compare_by
 from stages.science.output_channels.families import join
 from stages.science.output_channels.noise import Noise, make_plain
-from stages.science.output_channels.output_channel import EffectForm, OutputChannel
-from stages.science.output_channels.processes import map_in_processes
+from stages.science.output_channels.output_channel import EffectForm, OutputChannel, map_in_threads
 from stages.science.output_channels.trial_noise import TrialNoise, estimate_trial_noise, split_residual
 from stages.science.signals.trajectories import Array
 
@@ -215,7 +214,7 @@ def _score_all(
         for each in (state.current, *own.values())
         if state.ratio(state.current.raw, each.raw) > settings.smallest_gap
     }
-    found = map_in_processes(
+    found = map_in_threads(
         lambda each: _score_output(*each, each[0].output.channel in open_channels, settings),
         list(zip(outputs, extended, strict=True)),
         samples,

@@ -22,7 +22,6 @@ from stages.science.output_channels.flexible import Mask, find_floor
 from stages.science.output_channels.muscle_channels import ForceChannel, MuscleChannel
 from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import OutputChannel
-from stages.science.output_channels.processes import map_in_processes
 from stages.science.plant.learned_map import LearnedMap
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, least_p
@@ -66,7 +65,7 @@ def verify(
     additions: list[tuple[int, Maps]] = [(step, {}) for step in range(found.last_step + 1)]
     if learned:
         additions.append((found.last_step, learned))
-    last = []
+    verified = []
     for output in sorted(outputs, key=lambda each: each.channel != "pressure_kpa"):
         simulated, free = [], []
         for place, (step, maps) in enumerate(additions):
@@ -79,17 +78,9 @@ def verify(
                 free.append(_simulate(driven, model, values, maps))
             if output.channel == "pressure_kpa":
                 pressures[output.element, place] = simulated[-1]
-        last.append((output, model, values, simulated, free))
-
-    def look(each: tuple[OutputChannel, Model, Array, list[Array], list[Array]]) -> tuple[Array, Band]:
-        output, model, values, _, _ = each
         seen, still = _keep_values(model, values, found.read_noise(output))
         floor = _find_floor(seen, still, found.read_noise(output), learnt) / output.range**2
-        return floor, _find_band(seen, still, learnt, weights)
-
-    looked = map_in_processes(look, last, sum(each.measured.size for each in outputs))
-    verified = []
-    for (output, _, _, simulated, free), (floor, band) in zip(last, looked, strict=True):
+        band = _find_band(seen, still, learnt, weights)
         known = learned.get((output.channel, output.element))
         band = band if known is None else band.beside(known.deviation)
         found_here = Verified(output, simulated, free, floor, band)
