@@ -7,7 +7,6 @@ leaves of both, and a table. Sessions that the file has are not run again.
 
 import argparse
 import json
-import os
 import subprocess
 import sys
 import tempfile
@@ -37,6 +36,7 @@ from stages.science.output_channels.muscle_channels import MuscleChannel
 from stages.science.recording.datasets import tabulate_session
 from stages.science.signals.trajectories import Array
 from tests.benchmarks.residual_models import PEERS, build_features
+from tests.benchmarks.results import count_rows, keep_rows, read_rows
 from tests.measured_data import write_dataset
 from tests.science.discrepancy.searches import DISCREPANCY
 
@@ -247,16 +247,14 @@ def measure(
 
 def run_sessions(count: int, path: Path) -> pd.DataFrame:
     """Return the rows of so many sessions, each kept in the file as soon as it is there."""
-    kept = pd.read_parquet(path) if path.exists() else pd.DataFrame({"session": []})
+    kept = read_rows(path)
     for session in list_sessions(count):
-        if session.hidden.name in set(kept["session"]):
+        if count_rows(kept, session=session.hidden.name):
             continue
         with tempfile.TemporaryDirectory() as folder:
-            rows = pd.DataFrame(run_session(session, Path(folder)))
-        kept = pd.concat([kept, rows], ignore_index=True) if len(kept) else rows
-        kept.to_parquet(path.with_suffix(".part"))
-        os.replace(path.with_suffix(".part"), path)
-        print(json.dumps(summarise_session(rows)), flush=True)
+            rows = run_session(session, Path(folder))
+        kept = keep_rows(kept, rows, path)
+        print(json.dumps(summarise_session(pd.DataFrame(rows))), flush=True)
     return kept[kept["session"].isin([each.hidden.name for each in list_sessions(count)])]
 
 
@@ -313,7 +311,6 @@ def main() -> None:
     parser.add_argument("--sessions", type=int, default=SESSIONS, help="number of sessions")
     parser.add_argument("--results", type=Path, default=Path("outputs/residual_peers.parquet"), help="kept results")
     asked = parser.parse_args()
-    asked.results.parent.mkdir(parents=True, exist_ok=True)
     rows = run_sessions(asked.sessions, asked.results)
     with pd.option_context("display.width", 160, "display.max_rows", None, "display.max_columns", None):
         print(tabulate_methods(rows).round(3))

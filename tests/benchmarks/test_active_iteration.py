@@ -10,107 +10,19 @@ settings of the study, and score 40 trajectories of 200 candidates by y_y; exact
 pseudo-inputs.
 """
 
-import warnings
-
 import numpy as np
 import pytest
-from hydra import compose, initialize_config_dir
-from sklearn.exceptions import ConvergenceWarning
-from sklearn.gaussian_process import GaussianProcessRegressor
-from sklearn.gaussian_process.kernels import RBF, ConstantKernel, WhiteKernel
 
-from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.marginal import fit
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.sparse_interaction import SparseDesign, SparseInteraction
 from tests.benchmarks.conftest import peak_memory_mb
-from tests.conftest import ROOT
+from tests.benchmarks.gp_libraries import fit_scikit_learn
+from tests.benchmarks.problems import INPUTS, MUSCLES, PRIOR, TRAJECTORIES, Problem, force_law, read_section, walk
 
-MUSCLES, TRAJECTORIES, SAMPLES, INPUTS = 4, 40, 1000, 3
-CHUNK = 1024
 ROUNDS, SPARSE_ROUNDS = 15, 5
 CLIMBS = 4
 TRIALS, CANDIDATES = 12, 200
-PRIOR = Hyperprior(np.array([1.4, 0.9, 0.9, 0.4, -2.5]), np.array([0.5, 0.5, 0.5, 0.5, 1.0]))
-
-
-def read_section(name):
-    """The loop's own settings in the paper's design."""
-    with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
-        return compose("config", overrides=["workflow=paper"])[name]
-
-
-def walk(generator, trajectories, samples):
-    time = np.linspace(0.0, 4.0, samples)
-    phases = generator.uniform(0, 2 * np.pi, (trajectories, 1, INPUTS))
-    speeds = generator.uniform(1.0, 4.0, (trajectories, 1, INPUTS))
-    return 1.5 * np.sin(phases + speeds * time[:, None])
-
-
-def force_law(x):
-    """A force in standard units: pressure against contraction, with friction that follows the velocity's sign."""
-    p, c, v = x.T
-    return (0.6 + 0.3 * p) * (1.1 - 0.7 * c + 0.1 * c**2) - 0.15 * np.tanh(4 * v)
-
-
-class Problem:
-    """Data and candidates of every muscle."""
-
-    def __init__(self, points):
-        generator = np.random.default_rng(20261121)
-        self.candidates = np.split(walk(generator, MUSCLES * TRAJECTORIES, SAMPLES), MUSCLES)
-        self.inputs, self.outputs = [], []
-        for bank in self.candidates:
-            rows = bank.reshape(-1, INPUTS)
-            x = rows[generator.choice(len(rows), points, replace=False)]
-            self.inputs.append(x)
-            self.outputs.append(force_law(x) + 0.05 * generator.standard_normal(points))
-        self.design = read_section("active_loop")
-        self.thetas = [model.theta for model in self.identify([(), (), (), ()])]
-
-    def identify(self, warm):
-        starts, data = self.design.starts, zip(self.inputs, self.outputs, warm, strict=True)
-        return [
-            fit(x, y, PRIOR, generator=np.random.default_rng(muscle), starts=starts, warm_starts=thetas)
-            for muscle, (x, y, thetas) in enumerate(data)
-        ]
-
-    def fit_again(self):
-        return self.identify([(theta,) for theta in self.thetas])
-
-    def score(self, models):
-        return trajectory_utility(models, self.candidates, self.design.utility, memory_mb=self.design.memory_mb)
-
-    def iterate(self):
-        return self.score(self.fit_again())
-
-    def floor(self):
-        """Do what no way of computing the utility can leave out."""
-        for x, bank in zip(self.inputs, self.candidates, strict=True):
-            points = bank.reshape(-1, INPUTS)
-            n = len(x)
-            left = np.column_stack([x, -0.5 * (x**2).sum(axis=1), np.ones(n)])
-            right = np.ones((INPUTS + 2, CHUNK))
-            square = np.random.default_rng(0).standard_normal((n, n))
-            k, product = np.empty((2, n, CHUNK))
-            for start in range(0, len(points), CHUNK):
-                chunk = points[start : start + CHUNK].T
-                count = chunk.shape[1]
-                right[:INPUTS, :count] = chunk
-                right[-1, :count] = -0.5 * np.einsum("db,db->b", chunk, chunk)
-                np.matmul(left, right[:, :count], out=k[:, :count])
-                np.exp(k[:, :count], out=k[:, :count])
-                for _ in range(1 + INPUTS):
-                    np.matmul(square, k[:, :count], out=product[:, :count])
-
-    def fit_and_predict_with_scikit_learn(self, starts):
-        for x, y, bank in zip(self.inputs, self.outputs, self.candidates, strict=True):
-            kernel = ConstantKernel(1.0) * RBF(np.ones(INPUTS)) + WhiteKernel(0.01)
-            with warnings.catch_warnings():
-                warnings.simplefilter("ignore", ConvergenceWarning)
-                model = GaussianProcessRegressor(kernel, alpha=0.0, n_restarts_optimizer=starts - 1, random_state=0)
-                model.fit(x, y)
-            model.predict(bank.reshape(-1, INPUTS), return_std=True)
 
 
 LONG = [pytest.param(count, marks=pytest.mark.long) for count in (60, 120)]
@@ -136,9 +48,14 @@ def test_fit_against_the_floor(problem, against, tell):
     tell(f"fit alone / floor, N = {size(problem)}", ratio)
 
 
+def fit_and_predict(problem, starts):
+    for x, y, points in zip(problem.inputs, problem.outputs, problem.points, strict=True):
+        fit_scikit_learn(x, y, starts).predict(points, return_std=True)
+
+
 @pytest.mark.parametrize("starts", [1, CLIMBS])
 def test_iteration_against_scikit_learn(problem, starts, against, tell):
-    ratio = against(problem.iterate, lambda: problem.fit_and_predict_with_scikit_learn(starts), 5)
+    ratio = against(problem.iterate, lambda: fit_and_predict(problem, starts), 5)
     tell(
         f"active iteration / scikit-learn from {starts} start{'s' * (starts > 1)}, N = {size(problem)}", ratio, "", 1.0
     )

@@ -3,36 +3,15 @@
 import json
 import os
 import shutil
-import subprocess
-import sys
 
 import pytest
 
-from tests.conftest import ROOT, Command
+from tests.benchmarks.turns import measure_command
+from tests.conftest import Command
 
 MOST_S, MOST_MB = 20.0, 500.0
 """For the list and the sweep's page, at 10,000 jobs."""
 SHARED = ("config.yaml", "log.txt", "report.html")
-
-
-WATCH = """
-import json, resource, subprocess, sys, time
-begun_s = time.perf_counter()
-code = subprocess.run(sys.argv[1:], stdout=subprocess.DEVNULL).returncode
-seconds = time.perf_counter() - begun_s
-print(json.dumps([code, seconds, resource.getrusage(resource.RUSAGE_CHILDREN).ru_maxrss / 1024]))
-"""
-"""In a process of its own, as a fork of a large one counts the memory of that one."""
-
-
-def measure(line):
-    """Return the seconds of a command, and the most memory that it held (MB)."""
-    watch = subprocess.run(
-        [sys.executable, "-c", WATCH, *line], cwd=ROOT, stdout=subprocess.PIPE, text=True, check=True
-    )
-    code, seconds, memory_mb = json.loads(watch.stdout)
-    assert code == 0
-    return seconds, memory_mb
 
 
 def multiply(job, jobs):
@@ -87,9 +66,9 @@ def test_many_jobs(one_job, tmp_path, jobs, benchmark, tell):
         "plan of a run": command.line("seed=0", "active_loop.trials=2", "plan=true"),
         "a run": command.line("seed=0", "active_loop.trials=2"),
     }
-    figures = {name: measure(line) for name, line in lines.items()}
-    benchmark.pedantic(lambda: measure(lines["list"]), rounds=1)
-    for name, (seconds, memory_mb) in figures.items():
+    figures = {name: measure_command(line) for name, line in lines.items()}
+    benchmark.pedantic(lambda: measure_command(lines["list"]), rounds=1)
+    for name, (seconds, memory_mb, _) in figures.items():
         bound = jobs == 10_000 and name in ("list", "page of the sweep")
         tell(f"{name}, {jobs} jobs", seconds, "s", limit=MOST_S if bound else None)
         tell(f"{name}, {jobs} jobs, memory", memory_mb, "MB", limit=MOST_MB if bound else None)
