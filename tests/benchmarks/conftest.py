@@ -5,7 +5,6 @@ With --short each figure comes from fewer rounds and smaller sizes: it shows tha
 
 import statistics
 import time
-import tracemalloc
 
 import pytest
 from threadpoolctl import threadpool_limits
@@ -74,21 +73,6 @@ def against(benchmark, sized):
         return statistics.median(subjects) / statistics.median(baselines)
 
     return ratio
-
-
-def peak_memory_mb(function):
-    """Return what a function holds at most beyond what it found and what it returns (MB)."""
-    function()
-    tracemalloc.start()
-    try:
-        before = tracemalloc.get_traced_memory()[0]
-        kept = function()
-        after, peak = tracemalloc.get_traced_memory()
-    finally:
-        tracemalloc.stop()
-    returned = after - before
-    del kept
-    return (peak - before - returned) / 2**20
 
 
 def pytest_terminal_summary(terminalreporter, config):

@@ -1,13 +1,13 @@
 """The active iteration that benchmarks measure: data, candidates and a task of every muscle, and what none can omit."""
 
-from functools import cached_property
+from functools import cache, cached_property
 
 import numpy as np
 from hydra import compose, initialize_config_dir
 
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE
-from stages.science.gp.marginal import fit
+from stages.science.gp.marginal import MarginalGP, fit
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.task_utilities import task_utility
 from tests.conftest import ROOT
@@ -18,6 +18,7 @@ SEED = 20261121
 PRIOR = Hyperprior(np.array([1.4, 0.9, 0.9, 0.4, -2.5]), np.array([0.5, 0.5, 0.5, 0.5, 1.0]))
 
 
+@cache
 def read_section(name, workflow="paper"):
     """A section of a workflow's own settings, by default the paper's design."""
     with initialize_config_dir(str(ROOT / "conf"), version_base="1.3"):
@@ -57,6 +58,10 @@ class Problem:
         """The muscles' models as identified again."""
         return self.fit_again()
 
+    def renew_models(self):
+        """Return the models as a fit leaves them: nothing is computed yet that their predictions need."""
+        return [MarginalGP(each.posterior, each.theta) for each in self.models]
+
     @cached_property
     def task(self):
         """Inputs of every muscle for which its model is wanted, and how the identification's design scores for them."""
@@ -87,11 +92,14 @@ class Problem:
     def iterate(self):
         return self.score(self.fit_again())
 
-    def choose(self):
-        """Identify again and score trajectories by what their best samples take from the task's variance."""
+    def score_for_task(self, models):
+        """Score trajectories by what their best samples take from the task's variance."""
         tasks, every, count = self.task
         thinned = [each[:, ::every] for each in self.candidates]
-        return task_utility(self.fit_again(), tasks, thinned, count, INTEGRATED_VARIANCE)
+        return task_utility(models, tasks, thinned, count, INTEGRATED_VARIANCE)
+
+    def choose(self):
+        return self.score_for_task(self.fit_again())
 
     def differentiate(self):
         """Return the slopes of mean and variance of all candidates by the hyperparameters."""

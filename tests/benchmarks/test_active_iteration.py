@@ -16,9 +16,9 @@ import pytest
 from stages.science.gp.marginal import fit
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.sparse_interaction import SparseDesign, SparseInteraction
-from tests.benchmarks.conftest import peak_memory_mb
 from tests.benchmarks.gp_libraries import fit_scikit_learn
 from tests.benchmarks.problems import INPUTS, MUSCLES, PRIOR, TRAJECTORIES, Problem, force_law, read_section, walk
+from tests.benchmarks.turns import peak_allocated_mb
 
 ROUNDS, SPARSE_ROUNDS = 15, 5
 CLIMBS = 4
@@ -62,7 +62,7 @@ def test_iteration_against_scikit_learn(problem, starts, against, tell):
 
 
 def test_memory_of_an_iteration(problem, benchmark, tell):
-    peak = benchmark.pedantic(peak_memory_mb, args=(problem.iterate,), rounds=1)
+    peak = benchmark.pedantic(peak_allocated_mb, args=(problem.iterate,), rounds=1)
     tell(f"memory beyond the output, N = {size(problem)}", peak, "MB", 64.0)
 
 
@@ -116,7 +116,7 @@ def test_seconds_of_a_sparse_iteration(sparse, benchmark, sized, tell):
 
 
 def test_memory_of_a_sparse_iteration(sparse, benchmark, tell):
-    most, exact = (peak_memory_mb(each) for each in (sparse.iterate, sparse.iterate_exactly))
+    most, exact = (peak_allocated_mb(each) for each in (sparse.iterate, sparse.iterate_exactly))
     benchmark.pedantic(sparse.iterate, rounds=1)
     tell(f"memory of a trial with sparse models, N = {size(sparse)}", most, "MB")
     tell(f"memory of a trial with exact models, N = {sparse.pseudo_inputs}", exact, "MB")

@@ -8,6 +8,7 @@ import json
 import re
 import subprocess
 import sys
+import tracemalloc
 from collections.abc import Callable, Iterator, Sequence
 from pathlib import Path
 from time import process_time
@@ -64,6 +65,21 @@ def take_turns(parts: Sequence[Part], baseline: Callable[[], Any], rounds: int) 
     for _ in range(rounds):
         against_s = time_call(baseline)
         yield add_parts(parts), against_s
+
+
+def peak_allocated_mb(call: Callable[[], Any]) -> float:
+    """Return what a call of Python and NumPy holds at most beyond what it found and what it returns (MB)."""
+    call()
+    tracemalloc.start()
+    try:
+        before = tracemalloc.get_traced_memory()[0]
+        kept = call()
+        after, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    returned = after - before
+    del kept
+    return (peak - before - returned) / 2**20
 
 
 def peak_resident_mb(call: Callable[[], Any]) -> float:
