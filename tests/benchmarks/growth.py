@@ -32,7 +32,7 @@ from tests.benchmarks.results import (
 )
 from tests.benchmarks.turns import measure_command, peak_allocated_mb, take_turns, time_call
 
-ROUNDS, SAMPLES = 5, 250
+ROUNDS, SAMPLES = 3, 250
 BASE = {"points": 30, "muscles": 4, "trajectories": 40, "samples": SAMPLES}
 AXES = {
     "candidates": (10_000, 32_000, 100_000, 320_000, 1_000_000),
