@@ -338,7 +338,7 @@ def build_moments(x: Array, y: Array) -> Callable[[Any, Any], Any]:
     """Return our predictive mean and variance as a JAX function of theta, (P,), and (C, B, D) points, (2, C, B)."""
     import jax
     import jax.numpy as jnp
-    from jax.scipy.linalg import cho_solve, solve_triangular
+    from jax.scipy.linalg import solve_triangular
 
     def covary(theta: Any, first: Any, second: Any) -> Any:
         scaled = (first[:, None] - second) / jnp.exp(theta[:INPUTS])
@@ -346,13 +346,12 @@ def build_moments(x: Array, y: Array) -> Callable[[Any, Any], Any]:
 
     def moments(theta: Any, chunks: Any) -> Any:
         noisy = covary(theta, x, x) + jnp.exp(2 * theta[INPUTS + 1]) * jnp.eye(len(x))
-        lower = jnp.linalg.cholesky(noisy)
-        weights = cho_solve((lower, True), y)
+        inverse = solve_triangular(jnp.linalg.cholesky(noisy), np.eye(len(x)), lower=True)
+        weights = inverse.T @ (inverse @ y)
 
         def predict(points: Any) -> Any:
             k = covary(theta, x, points)
-            whitened = solve_triangular(lower, k, lower=True)
-            return jnp.stack([weights @ k, jnp.exp(2 * theta[INPUTS]) - jnp.square(whitened).sum(axis=0)])
+            return jnp.stack([weights @ k, jnp.exp(2 * theta[INPUTS]) - jnp.square(inverse @ k).sum(axis=0)])
 
         return jnp.moveaxis(jax.lax.map(predict, chunks), 1, 0)
 

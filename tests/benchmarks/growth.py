@@ -138,10 +138,13 @@ def tabulate(rows: pd.DataFrame) -> pd.DataFrame:
 
 def main() -> None:
     """Measure what is not there, and print the tables; or compare two files."""
-    asked = read_arguments(__doc__, "growth", {"--sessions": "also searches by trials: an hour"})
+    asked = read_arguments(
+        __doc__, "growth", {"--sessions": "also searches by trials"}, f"one of {', '.join(AXES)} (all)"
+    )
     if asked.compare:
         return show_comparison(asked.compare)
     axes, rounds = (TINY_AXES, 2) if asked.tiny else (AXES, ROUNDS)
+    axes = {axis: sizes for axis, sizes in axes.items() if asked.only in axis}
     try:
         with threadpool_limits(1):
             reference = Problem(60, muscles=1).floor

@@ -113,13 +113,14 @@ def show(table: pd.DataFrame) -> None:
         print(table.to_string(index=False, float_format="{:.3g}".format, na_rep=""))
 
 
-def read_arguments(about: str | None, name: str, flags: Mapping[str, str]) -> argparse.Namespace:
-    """Return the command's options: its results file, two files to compare, and flags with what they do."""
+def read_arguments(about: str | None, name: str, flags: Mapping[str, str], only: str) -> argparse.Namespace:
+    """Return the options: the results file, two files to compare, what alone is measured, flags with what they do."""
     parser = argparse.ArgumentParser(description=about, formatter_class=argparse.RawDescriptionHelpFormatter)
     results = Path("outputs") / f"{name}-{read_commit()}.parquet"
     parser.add_argument("--results", type=Path, default=results, help=f"kept results ({results})")
     parser.add_argument("--compare", type=Path, nargs=2, metavar=("FIRST", "SECOND"), help="two files of results")
     parser.add_argument("--tiny", action="store_true", help="the smallest size, two rounds: whether all runs")
+    parser.add_argument("--only", default="", metavar="TEXT", help=only)
     for flag, told in flags.items():
         parser.add_argument(flag, action="store_true", help=told)
     return parser.parse_args()
