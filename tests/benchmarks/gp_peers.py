@@ -9,8 +9,8 @@ not run again.
 """
 
 import importlib
-from collections.abc import Callable, Iterator, Sequence
-from functools import partial
+from collections.abc import Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -29,9 +29,9 @@ from tests.benchmarks.results import (
     show_comparison,
     summarise,
 )
-from tests.benchmarks.turns import add_parts, peak_resident_mb, take_turns
+from tests.benchmarks.turns import add_parts, peak_resident_mb, take_turn
 
-SIZES, ROUNDS = (30, 60, 120), 7
+SIZES, ROUNDS = (30, 60, 120), 5
 TINY = {"muscles": 2, "trajectories": 2, "samples": 100}
 TOLD = ["own_memory_mb", "agreement", "compile_s", "extrapolated"]
 PACKAGES = ("torch", "gpytorch", "botorch", "jax", "jaxlib", "numpyro", "GPy")
@@ -51,37 +51,35 @@ def is_installed(peer: Peer) -> bool:
 def measure(
     peers: Sequence[Peer], kept: pd.DataFrame, path: Path, sizes: Sequence[int], rounds: int, **problem: int
 ) -> pd.DataFrame:
-    """Return the rows of all peers at all sizes, each kept in the file as soon as it is there."""
+    """Return the rows of all peers at all sizes, each kept in the file as soon as it is there.
+
+    Rounds of a peer lie as far apart as the run is long, so that their spread holds what else the machine does.
+    """
     told = describe_run(PACKAGES)
-    for size in sizes:
-        build = partial(Problem, size, **problem)
-        for peer in peers:
-            wanted = 1 if peer.once else rounds
-            there = count_rows(kept, figure=peer.name, size=size)
-            if there < wanted and is_installed(peer):
-                for row in run_peer(peer, build, wanted - there):
-                    kept = keep_rows(kept, [{**told, "figure": peer.name, "axis": "N", "size": size, **row}], path)
+    for turn, size, peer in product(range(rounds), sizes, peers):
+        wanted = 1 if peer.once else turn + 1
+        if count_rows(kept, figure=peer.name, size=size) < wanted and is_installed(peer):
+            row = run_peer(peer, Problem(size, **problem))
+            kept = keep_rows(kept, [{**told, "figure": peer.name, "axis": "N", "size": size, **row}], path)
     return kept
 
 
-def run_peer(peer: Peer, build: Callable[[], Problem], rounds: int) -> Iterator[dict[str, Any]]:
-    """Yield the rounds of a peer at a size, after one that is not timed and one that tells the memory.
+def run_peer(peer: Peer, problem: Problem) -> dict[str, Any]:
+    """Return a round of a peer, after one that is not timed and tells the memory.
 
     A peer that runs once is timed in its only run, without its memory.
     """
-    problem = build()
     own = OWN[peer.own](problem)
     own()
     prepared = peer.prepare(problem)
     memory = {"memory_mb": float("nan"), "own_memory_mb": peak_resident_mb(own)}
     if not peer.once:
-        add_parts(prepared.parts)
         memory["memory_mb"] = peak_resident_mb(lambda: add_parts(prepared.parts))
-    for seconds, against_s in take_turns(prepared.parts, own, rounds):
-        yield {"own": peer.own, "seconds": seconds, "against_s": against_s, **memory, **describe(peer, prepared)}
+    seconds, against_s = take_turn(prepared.parts, own)
+    return {"own": peer.own, "seconds": seconds, "against_s": against_s, **memory, **describe(prepared)}
 
 
-def describe(peer: Peer, prepared: Prepared) -> dict[str, Any]:
+def describe(prepared: Prepared) -> dict[str, Any]:
     """Return what a row tells beside times: the agreement, seconds of compilation, and whether all was computed."""
     extrapolated = any(times != 1.0 for _, times in prepared.parts)
     return {"agreement": prepared.agree(), "compile_s": prepared.compile_s, "extrapolated": extrapolated}

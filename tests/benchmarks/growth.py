@@ -10,7 +10,8 @@ directly before. Exponents are slopes of logarithms, by least squares over all s
 
 import sys
 import tempfile
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
+from itertools import product
 from pathlib import Path
 from typing import Any
 
@@ -30,7 +31,7 @@ from tests.benchmarks.results import (
     show_comparison,
     summarise,
 )
-from tests.benchmarks.turns import measure_command, peak_allocated_mb, take_turns, time_call
+from tests.benchmarks.turns import measure_command, peak_allocated_mb, take_turn, time_call
 
 ROUNDS, SAMPLES = 3, 250
 BASE = {"points": 30, "muscles": 4, "trajectories": 40, "samples": SAMPLES}
@@ -69,24 +70,22 @@ def list_calls(problem: Problem, axis: str) -> dict[str, Call]:
 def measure(
     kept: pd.DataFrame, path: Path, axes: dict[str, Sequence[int]], reference: Call, rounds: int
 ) -> pd.DataFrame:
-    """Return the rows of all figures at all sizes, each kept in the file as soon as it is there."""
+    """Return the rows of all figures at all sizes, each kept as soon as it is there; rounds lie far apart."""
     told = describe_run(())
-    for axis, sizes in axes.items():
-        for size in sizes:
-            for name, call in list_calls(build(axis, size), axis).items():
-                key = {"figure": name, "axis": axis, "size": size}
-                missing = rounds - count_rows(kept, **key)
-                for row in run(call, reference, missing):
-                    kept = keep_rows(kept, [{**told, **key, **row}], path)
+    asked = [(axis, size) for axis, sizes in axes.items() for size in sizes]
+    for turn, (axis, size) in product(range(rounds), asked):
+        for name, call in list_calls(build(axis, size), axis).items():
+            key = {"figure": name, "axis": axis, "size": size}
+            if count_rows(kept, **key) <= turn:
+                kept = keep_rows(kept, [{**told, **key, **run(call, reference)}], path)
     return kept
 
 
-def run(call: Call, reference: Call, rounds: int) -> Iterator[dict[str, float]]:
-    """Yield rounds of a call, after one that tells its memory."""
-    if rounds > 0:
-        memory_mb = peak_allocated_mb(call)
-        for seconds, against_s in take_turns([(call, 1.0)], reference, rounds):
-            yield {"seconds": seconds, "against_s": against_s, "memory_mb": memory_mb}
+def run(call: Call, reference: Call) -> dict[str, float]:
+    """Return a round of a call, after one that tells its memory."""
+    memory_mb = peak_allocated_mb(call)
+    seconds, against_s = take_turn([(call, 1.0)], reference)
+    return {"seconds": seconds, "against_s": against_s, "memory_mb": memory_mb}
 
 
 def measure_sessions(kept: pd.DataFrame, path: Path, trials: Sequence[int], reference: Call) -> pd.DataFrame:

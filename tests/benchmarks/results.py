@@ -10,6 +10,7 @@ import os
 import platform
 import subprocess
 from collections.abc import Iterable, Mapping, Sequence
+from functools import cache
 from importlib.metadata import PackageNotFoundError, version
 from pathlib import Path
 from typing import Any
@@ -48,6 +49,7 @@ def count_rows(kept: pd.DataFrame, **asked: Any) -> int:
     return int(np.logical_and.reduce([kept[name] == value for name, value in asked.items()]).sum())
 
 
+@cache
 def read_commit() -> str:
     """Return the short name of the commit, with ``-changed`` where files differ from it."""
     told = subprocess.run(

@@ -9,7 +9,7 @@ import re
 import subprocess
 import sys
 import tracemalloc
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Sequence
 from pathlib import Path
 from time import process_time
 from typing import Any, NamedTuple
@@ -60,11 +60,10 @@ def add_parts(parts: Sequence[Part]) -> float:
     return sum(times * time_call(call) for call, times in parts)
 
 
-def take_turns(parts: Sequence[Part], baseline: Callable[[], Any], rounds: int) -> Iterator[tuple[float, float]]:
-    """Yield the processor seconds of a subject's parts, and of the baseline directly before."""
-    for _ in range(rounds):
-        against_s = time_call(baseline)
-        yield add_parts(parts), against_s
+def take_turn(parts: Sequence[Part], baseline: Callable[[], Any]) -> tuple[float, float]:
+    """Return the processor seconds of a subject's parts, and of the baseline directly before."""
+    against_s = time_call(baseline)
+    return add_parts(parts), against_s
 
 
 def peak_allocated_mb(call: Callable[[], Any]) -> float:
