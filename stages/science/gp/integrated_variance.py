@@ -17,8 +17,8 @@ from stages.science.gp.task_gain import Gains, TaskGain
 
 INTEGRATED_VARIANCE = "integrated_variance"
 
-LARGEST_BLOCK = 1_000_000
-"""Covariances of samples with a task that are held at a time, 8 MB."""
+LARGEST_BLOCK = 500_000
+"""Covariances of samples with a task that are held at a time, 4 MB."""
 
 
 class VarianceTaken(Gains):
