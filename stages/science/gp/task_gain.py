@@ -13,7 +13,6 @@ from abc import ABC, abstractmethod
 import numpy as np
 from numpy.typing import NDArray
 from scipy.linalg import lapack
-from scipy.spatial.distance import cdist
 
 from stages.science.gp.kernel import Array
 from stages.science.gp.marginal import MarginalGP
@@ -86,12 +85,12 @@ class TaskGain(ABC):
         whitened, scaled = self._whiten(points), points / self._lengths
         across = (self._covary(scaled) - whitened.T @ self._whitened_task).reshape(count, samples, -1)
         along = whitened.T.reshape(count, samples, -1)
-        squares = np.stack([cdist(each, each, "sqeuclidean") for each in scaled.reshape(count, samples, inputs)])
+        squares = np.stack([_square_distances(each, each) for each in scaled.reshape(count, samples, inputs)])
         return self._signal * np.exp(-0.5 * squares) - along @ along.swapaxes(1, 2), across
 
     def _covary(self, scaled: Array) -> Array:
         """Return the prior covariance of (T, D) inputs, in units of the lengths, with the task, (T, Q)."""
-        squares = cdist(scaled, self._task / self._lengths, "sqeuclidean")
+        squares = _square_distances(scaled, self._task / self._lengths)
         return np.asarray(self._signal * np.exp(-0.5 * squares))
 
     def _variance(self, whitened: Array) -> Array:
@@ -121,3 +120,9 @@ class TaskGain(ABC):
             variance = np.maximum(variance - np.square(own[k]), 0.0)
             picks.append(best)
         return np.array(picks, dtype=np.intp), gained
+
+
+def _square_distances(one: Array, other: Array) -> Array:
+    from scipy.spatial.distance import cdist  # slow to import, and most commands choose nothing
+
+    return np.asarray(cdist(one, other, "sqeuclidean"))
