@@ -114,8 +114,10 @@ def find_exponent(first: Array, second: Array) -> int:
 
 def adjust_holm(p_values: Array) -> Array:
     """Return p-values adjusted for their number by Holm's step-down rule; NaN stays NaN."""
+    from statsmodels.stats.multitest import multipletests
+
     adjusted = np.full(p_values.shape, np.nan)
-    order = np.argsort(p_values)[: np.count_nonzero(~np.isnan(p_values))]  # NaN is sorted last
-    steps = np.maximum.accumulate(p_values[order] * np.arange(order.size, 0, -1))
-    adjusted[order] = np.minimum(steps, 1.0)
+    known = ~np.isnan(p_values)
+    if known.any():
+        adjusted[known] = multipletests(p_values[known], method="holm")[1]
     return adjusted
