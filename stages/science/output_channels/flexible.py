@@ -150,8 +150,8 @@ def _leave_each_out(white: Array, collect: Callable[[int], Array], precision: Ar
         own = white[:, trial].copy()
         own[:, :-1] /= scale
         grams.slopes[trial] = own[:, :-1].T @ own[:, :-1]
-        grams.cross[trial] = (own[:, -1][None] @ own[:, :-1])[0]
-        grams.square[trial] = (own[None, :, -1] ** 2).sum(axis=1)[0]
+        grams.cross[trial] = own[:, -1] @ own[:, :-1]
+        grams.square[trial] = (own[:, -1] ** 2).sum()
     total, cross = grams.slopes[learnt].sum(axis=0), grams.cross[learnt].sum(axis=0)
     best: tuple[float, Array] | None = None
     for penalty in PENALTIES:
