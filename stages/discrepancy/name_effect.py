@@ -127,7 +127,7 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
         for channel, each in decision.remainders.items()
     ]
     rows: list[list[Any]] = [
-        rank_first(found, decision.doubt, settings.report.most_confounded),
+        rank_first(found, decision.doubts, settings.report.most_confounded),
         [{name: getattr(decision, name) for name in DECISION.columns}],
         list_named(decision.effects, found.named),
         list_named(decision.suspected, found.named),

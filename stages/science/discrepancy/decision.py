@@ -39,7 +39,9 @@ class Decision:
     cannot be told from noise; else ``no_discrepancy``. Effects stand, in the order added, that are probable and that
     left-out trials confirm; the others are suspected. `steps` are the fits of all outputs with none, one, two, ... of
     those that stand, `remainders` what these leave by channel. `missing` is the probability that something is missing,
-    with a name or without, `doubt` that of an effect without a name, by which every name in its channel is reduced.
+    with a name or without, `doubts` those of an effect without a name, by which every name in its channel is reduced,
+    by round of the search and channel: beside what was added or, where the last round added nothing, beside its
+    likeliest name too.
     It is `blind` if so much counts as noise that a gap would not be seen, or if the simulation predicts nothing.
     """
 
@@ -50,7 +52,7 @@ class Decision:
     steps: list[list[Fitted]]
     remainders: dict[str, Remainder]
     blind: bool
-    doubt: float
+    doubts: list[dict[str, float]]
 
     @property
     def unknown(self) -> float:
@@ -100,11 +102,13 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     unknown = max((each.unknown for each in remainders.values()), default=0.0)
     nothing = found.rounds[0].verdicts.names[NONE] * (1.0 - unknown)
     missing = 1.0 - min([nothing, *(1.0 - each.probability for each, _ in counted)])
+    by_round = [doubts] * len(found.rounds)
+    if found.undecided:
+        held = weigh_remainder(found, found.named, found.undecided, limits, generator)
+        by_round[-1] = {channel: each.doubt for channel, each in held.items()}
     blind = any(_is_blind(state, each, limits) for state, each in zip(found.outputs, steps[-1], strict=True))
     left: Status = "unexplained" if blind or missing >= limits.certain else "no_discrepancy"
-    return Decision(
-        "named" if stand else left, missing, stand, suspected, steps, remainders, blind, max(doubts.values())
-    )
+    return Decision("named" if stand else left, missing, stand, suspected, steps, remainders, blind, by_round)
 
 
 def _name_counts(outputs: Sequence[FittedChannel], limits: SearchSettings) -> list[tuple[Named, dict[int, Counts]]]:

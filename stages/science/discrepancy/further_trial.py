@@ -66,7 +66,7 @@ def choose_next(
     prepared = prepare_all(build_dataset(plant, tables, purposes, settings).fitted_outputs)
     found = search(prepared, settings.search, starts)
     decision = decide(found, settings, signs)
-    ranking = pd.DataFrame(rank_first(found, decision.doubt, settings.report.most_confounded))
+    ranking = pd.DataFrame(rank_first(found, decision.doubts, settings.report.most_confounded))
     named = pd.DataFrame(list_named(decision.effects, found.named), columns=["round", "name", "indistinguishable_from"])
     question = choose_round(ranking, named, given.rivals, given.least_probability)
     weighed = None

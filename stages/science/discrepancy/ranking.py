@@ -1,7 +1,9 @@
 """What a search found, as rows: its rounds, the effects that it named, the values at each step."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
+
+import numpy as np
 
 from stages.science.discrepancy.evidence import NONE
 from stages.science.discrepancy.fitted_channel import Fitted
@@ -11,16 +13,20 @@ from stages.science.discrepancy.search import Search
 UNKNOWN = "unknown"
 
 
-def rank_first(found: Search, unknown: float, most_confounded: float) -> list[dict[str, Any]]:
+def rank_first(found: Search, doubts: Sequence[Mapping[str, float]], most_confounded: float) -> list[dict[str, Any]]:
     """Return a row for each candidate of each round of an ended search, the most probable first.
 
-    Something without a name has the probability `unknown`, which takes its part of every round; `most_confounded` is
-    the share of an effect's change that the constants may imitate.
+    `doubts` are of each round, by channel, the probabilities that something without a name is left, which take their
+    part of the names in that channel, and the largest of what has none; `most_confounded` is the share of an effect's
+    change that the constants may imitate.
     """
+    channels = [state.output.channel for state in found.outputs]
     rows = []
-    for number, looked in enumerate(found.rounds, start=1):
-        names = {name: min(each * (1.0 - unknown), 1.0) for name, each in looked.verdicts.names.items()}
-        names[UNKNOWN] = unknown
+    for number, (looked, doubt) in enumerate(zip(found.rounds, doubts, strict=True), start=1):
+        unknown, carries = max(doubt.values()), looked.verdicts.carries
+        beside = {name: doubt[channels[int(np.argmax(its))]] for name, its in carries.items()}
+        names = {name: (1.0 - beside.get(name, unknown)) * its for name, its in looked.verdicts.names.items()}
+        names = {name: min(its, 1.0) for name, its in names.items()} | {UNKNOWN: unknown}
         for name in sorted(names, key=lambda name: -names[name]):
             confounded = float(min(max(looked.confounded_with_constants.get(name, 0.0), 0.0), 1.0))
             as_now = NONE if name == UNKNOWN else name

@@ -9,9 +9,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
+from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, refit
-from stages.science.discrepancy.naming import Named
+from stages.science.discrepancy.naming import Named, Round
 from stages.science.discrepancy.search import Search
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.output_channels.noise import make_plain
@@ -27,7 +27,7 @@ class Remainder(NamedTuple):
     `share` is the part of the initial gap above the floor that a flexible model, or the family, would still remove: a
     median; `line_hz` the frequency of an oscillation in all trials of one of its elements, Hz, or nan. The family
     explains it: a static map, where the channel follows one more probably than not and it removes more than half, a
-    memory, where a linear one of the inputs removes most in one of them; else it is empty.
+    memory, where the same is true of one, or a linear one of the inputs removes most in one of them; else it is empty.
 
     The others are probabilities: `unknown` that it is more than the limit while the gap left is one that matters,
     `ambiguous` that the named effects leave more than forms of one effect differ by, or that they are too many, `doubt`
@@ -79,13 +79,20 @@ def weigh_remainder(
             ambiguous = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else np.nan
+        explained = {STATIC_MAP: by_map, MEMORY: told * _share_of_memory(found.rounds[-1], settings.certain)}
         remembered = MEMORY if any(state.leftover.linear_memory for state in states) else ""
-        family = STATIC_MAP if by_map > 0.5 * told else remembered
+        family = next((each for each, its in explained.items() if its > 0.5 * told), remembered)
+        share_told = explained[family] if explained.get(family, 0.0) > 0.5 * told else told
         doubt = max(left, settings.ambiguous_weight * ambiguous)
-        remainders[channel] = Remainder(
-            by_map if family == STATIC_MAP else told, sure, ambiguous, line_hz, family, doubt
-        )
+        remainders[channel] = Remainder(share_told, sure, ambiguous, line_hz, family, doubt)
     return remainders
+
+
+def _share_of_memory(looked: Round, certain: float) -> float:
+    """Return the share of the gap above the floor that a memory removes in a round; 0 where it is not so probable."""
+    before, after = looked.gaps[NONE], looked.gaps.get(MEMORY, np.inf)
+    likely = looked.verdicts.names.get(MEMORY, 0.0) >= certain and before > 1.0
+    return float(np.clip((before - after) / (before - 1.0), 0.0, 1.0)) if likely else 0.0
 
 
 def _weigh(

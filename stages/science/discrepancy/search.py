@@ -10,6 +10,7 @@ from itertools import product
 
 import numpy as np
 
+from stages.science.discrepancy.evidence import Verdicts
 from stages.science.discrepancy.fitted_channel import (
     Fitted,
     FittedChannel,
@@ -39,12 +40,16 @@ BETTER = 0.9
 
 @dataclass
 class Search:
-    """A search: its outputs now, what each round found, what was named, and the fits of all outputs at each step."""
+    """A search: its outputs now, what each round found, what was named, and the fits of all outputs at each step.
+
+    `undecided` are the fits with the likeliest name of the last round, where that was not added.
+    """
 
     outputs: list[FittedChannel]
     rounds: list[Round] = field(default_factory=list)
     named: list[Named] = field(default_factory=list)
     steps: list[list[Fitted]] = field(default_factory=list)
+    undecided: list[Fitted] = field(default_factory=list)
 
 
 def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator: np.random.Generator) -> Search:
@@ -91,6 +96,7 @@ def _search(outputs: Sequence[FittedChannel], settings: SearchSettings, generato
             continue
         found.rounds.append(looked)
         if looked.named is None:
+            found.undecided = _carry_likeliest(found.outputs, looked.verdicts, choices)
             break
         _add(found, looked.named, choices, generator)
         newest, there = looked.named, [each for each in found.named if each.channel == looked.named.channel]
@@ -101,6 +107,16 @@ def _search(outputs: Sequence[FittedChannel], settings: SearchSettings, generato
         found.steps.append([state.current for state in found.outputs])
     found.named = [_doubt_beside_bounds(named, found, settings) for named in found.named]
     return found
+
+
+def _carry_likeliest(outputs: Sequence[FittedChannel], verdicts: Verdicts, choices: Sequence[Choice]) -> list[Fitted]:
+    """Return the fits of outputs with the likeliest name of a round, on those that carry it more probably than not."""
+    names = [each for each in verdicts.forms if each not in verdicts.families]
+    name = max(names, key=verdicts.names.__getitem__, default="")
+    if not names:
+        return []
+    carried = zip(outputs, choices, verdicts.forms[name], verdicts.carries[name], strict=True)
+    return [fits.get((name, form), state.current) if its > 0.5 else state.current for state, fits, form, its in carried]
 
 
 def _doubt_beside_bounds(named: Named, found: Search, settings: SearchSettings) -> Named:

@@ -32,7 +32,7 @@ def test_a_planted_effect_is_named(form, size, seed):
     assert (said.status, [each.name for each in said.effects]) == ("named", [form.name])
     assert said.effects[0].probability > 0.9
     assert said.unknown < 0.1
-    first = rank_first(found, said.unknown, 0.9)[0]
+    first = rank_first(found, said.doubts, 0.9)[0]
     assert (first["round"], first["name"], first["form"], first["site"]) == (1, form.name, "only", "muscle")
     assert found.outputs[0].current.fit.values[-1] == pytest.approx(size, rel=0.15)
 
@@ -114,10 +114,10 @@ def test_a_name_that_leaves_more_than_its_forms_differ_by_is_doubted(clean):
     left = said.remainders["y"]
     assert [each.name for each in (*single.named, *found.named)] == ["wave", "wave"]
     assert sure.remainders["y"].ambiguous < 0.05
-    assert sure.doubt < 0.05
+    assert sure.doubts[0]["y"] < 0.05
     assert 0.03 < left.share < SETTINGS.unexplained_share
     assert left.ambiguous > 0.5
-    assert said.doubt == pytest.approx(SETTINGS.ambiguous_weight * left.ambiguous)
+    assert said.doubts[0]["y"] == pytest.approx(SETTINGS.ambiguous_weight * left.ambiguous)
 
 
 @pytest.mark.parametrize(
@@ -128,6 +128,24 @@ def test_many_names_in_a_channel_may_be_one_without_a_name(names, shown, doubt, 
     many = replace(clean[0], named=[*single * (names - 1), replace(single[0], shown=shown)])
     left = weigh_remainder(many, many.named, many.steps[-1], SETTINGS, np.random.default_rng(1))
     assert left["y"].doubt == pytest.approx(doubt, abs=0.05)
+
+
+@pytest.mark.parametrize(("step", "first"), [(1, ("memory", 0.7)), (0, ("unknown", 1.0))])
+def test_a_name_that_was_not_added_keeps_its_probability_where_it_leaves_nothing(step, first, clean):
+    found = clean[0]
+    verdicts = replace(found.rounds[0].verdicts, names={"none": 0.0, "wave": 0.3, "memory": 0.7}, maps={"y": 0.0})
+    undecided = replace(
+        found,
+        rounds=[replace(found.rounds[0], verdicts=verdicts, named=None)],
+        named=[],
+        steps=found.steps[:1],
+        undecided=found.steps[step],
+    )
+    said = decide(undecided, DISCREPANCY, np.random.default_rng(1))
+    rows = {row["name"]: row["probability"] for row in rank_first(undecided, said.doubts, 0.9)}
+    assert next(iter(rows.items())) == (first[0], pytest.approx(first[1], abs=0.05))
+    assert rows["wave"] == pytest.approx(0.3 * step, abs=0.03)
+    assert (said.status, said.remainders["y"].family) == ("unexplained", "memory")
 
 
 def test_a_name_that_left_out_trials_do_not_confirm_is_suspected_and_taken_out_again(clean):
