@@ -44,7 +44,7 @@ def test_the_wheel_holds_the_configuration_and_no_tests(installed):
 def test_the_commands_run_and_look_at_a_study(installed):
     wheel, run = installed
     assert run("pamid", "--version").stdout == f"pamid {wheel.name.split('-')[1]}\n"
-    assert "bank" in run("pamid", "plan=true", "rig=festo_cpx").stdout
+    assert "bank" in run("pamid", "plan=true", "rig=festo_cpx", "rig.device.host=127.0.0.1").stdout
     assert "blinded_session" in run("pamid", "plan=true", "experiment=hidden_effect").stdout
     done = run("pamid", "budget=tiny", "figures=[]", "participant=p1")
     assert (done.returncode, done.stderr) == (0, "")

@@ -304,5 +304,5 @@ def test_a_run_that_is_killed_goes_on_at_the_point_it_was_recording(emulator, tm
 )
 def test_what_does_not_fit_the_rig_is_refused_before_anything_is_asked(override, told):
     with pytest.raises(ConfigError) as caught:
-        read_study(compose_values("workflow=calibration", override))
+        read_study(compose_values("workflow=calibration", "rig.device.host=127.0.0.1", override))
     assert told in str(caught.value)
