@@ -23,7 +23,8 @@ MEASURED = json.loads(Path(__file__).with_name("measured_by_0_1.json").read_text
 
 @pytest.mark.parametrize("name", MEASURED)
 def test_a_measurement_of_the_first_version_has_the_fingerprint_of_today(name):
-    study, stages = read_study(compose_values("rig=festo_cpx", "rig.device.host=192.168.1.1", "experiment=paper_design"))
+    chosen = "rig=festo_cpx", "rig.device.host=192.168.1.1", "experiment=paper_design"
+    study, stages = read_study(compose_values(*chosen))
     (stage,) = (each for each in stages if each.name == name)
     today = gather(study, stage, {})
     found = update_facts({"format": 1, "stages": {name: MEASURED[name]}}, 2)["stages"][name]

@@ -23,7 +23,12 @@ FAMILIES = {
     MEMORY: "a memory of the inputs (such as a resonance, a lag or a delay has that the plant lacks)",
     STATIC_MAP: "a static map of the measured signals (as a law has that is not quite the nominal one)",
 }
-NOT_EFFECTS = ("none", "unknown", *FAMILIES)
+NAMELESS = {
+    "none": "nothing",
+    "unknown": "something without a name",
+    MEMORY: "a memory without a name",
+    STATIC_MAP: "a static map without a name",
+}
 MOST_LISTED = 4
 TIMES = {"paces": 1.0, "paces_late": 1.0, "periods": 2.0 * math.pi}
 """Parameters that tell a time, and their unit in paces."""
@@ -455,11 +460,13 @@ def _name_inputs(row: Mapping[Any, Any]) -> list[str]:
 def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
     known = find_effect(effect["name"], effect["form"])
     alike_names = (effect["name"], *effect["indistinguishable_from"])
-    others = [each for each in ranking if _is_candidate(each) and each["name"] not in alike_names]
+    possible = [each for each in ranking if _is_candidate(each) or round(each["probability"], 2) > 0.0]
+    others = [each for each in possible if each["name"] not in alike_names and not each["absorbed"]]
     following = min(others, key=lambda each: (-round(each["probability"], 3), each["heldout_gap"]), default=None)
-    second = (
-        f"; next is {_spell(following['name'])}, {say_sure(following['probability'])}" if following and first else ""
-    )
+    second = ""
+    if following and first:
+        what = NAMELESS.get(following["name"]) or _spell(following["name"])
+        second = f"; next is {what}, {say_sure(following['probability'])}"
     optional = [_describe_size(effect, each) for each in known.parameters if each.optional]
     sizes = " ".join(filter(None, optional)) or _describe_size(effect, known.parameters[0])
     like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
@@ -511,7 +518,7 @@ def describe_sizes(effect: Mapping[str, Any]) -> str:
 
 
 def _is_candidate(row: Mapping[str, Any]) -> bool:
-    return row["name"] not in NOT_EFFECTS and not row["absorbed"]
+    return row["name"] not in NAMELESS and not row["absorbed"]
 
 
 def _count(verdict: Mapping[str, Any]) -> str:

@@ -53,6 +53,7 @@ NAMED = {
     "remainder": RESOLVED,
     "verification_trials": [2, 5, 8],
 }
+IMITATOR = {"name": "memory", "probability": 0.07, "heldout_gap": 0.02, "absorbed": False}
 LARGE = {**GAP, "over_floor": {**GAP["over_floor"], "value": 4.0}}
 UNEXPLAINED = {**NAMED, "status": "unexplained", "effects": [], "gap": LARGE, "remainder": LEFT_OVER}
 CLEAN = {**NAMED, "status": "no_discrepancy", "missing_probability": 0.2, "effects": []}
@@ -73,6 +74,7 @@ MANY = "So many names in one channel may stand in for one effect"
     ("verdict", "said", "unsaid"),
     [
         (NAMED, [CLOSED, "goes from 8.1 % to 2.1 %", "p = 0.031", "1.05 times the noise floor (2.0 %)"], ["remains"]),
+        ({**NAMED, "ranking": [*NAMED["ranking"], IMITATOR]}, ["0.93; next is a memory without a name, 0.07)"], []),
         ({**NAMED, "effects": [EFFECT, GONE]}, [STAYS], []),
         ({**NAMED, "remainder": LEFT_OVER}, [CLOSED, SO_MUCH], []),
         (
