@@ -28,13 +28,13 @@ from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average
 from stages.science.muscle_models.grey_box import GreyBox, Interval, predict_interval
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import RecordedModels
-from stages.science.muscle_models.samples import gather_tests, keep_wanted
+from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.measured_motion import simulate_force
 from stages.science.plant.plant import Plant
 from stages.science.recording.datasets import join_executed
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
+from stages.science.signals.scaling import MODEL_OUTPUT, Array
 from stages.science.statistics.intervals import Coverage, cover_blocks
 
 LEVEL = 0.95
@@ -248,7 +248,9 @@ def grey_box(
     tests = {name: add_forces(each, plants, cfg) for name, each in gather_tests(cfg.model, given).items()}
     design = str(models["arm"].iloc[0])
     own_models, own_points = (each[each["arm"] == design] for each in (models, points))
-    known = locate_points(own_points, hardware_recordings, active_recordings, amended, cfg)
+    executed = join_executed(hardware_recordings, active_recordings)
+    force = simulate_force(amended, cfg.exoskeleton, executed, ["trial"], cfg.grey_box.smoothing_s, in_session=True)
+    known = locate_points(own_points, hardware_recordings, active_recordings, {AMENDED: force})
     points_of: dict[Any, pd.DataFrame] = dict(list(known.groupby([*WHO, "muscle"], sort=False)))
     jobs = {}
     for muscle in [str(name) for name in hyperprior["muscle"].unique()]:
@@ -266,10 +268,10 @@ def grey_box(
         for table in (GREY_BOX_ERRORS, GREY_BOX_COVERAGE, GREY_BOX_MODELS)
     }
     errors = add_average(told[GREY_BOX_ERRORS.name])[list(GREY_BOX_ERRORS.columns)]
-    executed = join_executed(hardware_recordings, active_recordings)["trial"].nunique()
+    trials = executed["trial"].nunique()
     told |= {
         GREY_BOX_ERRORS.name: errors,
-        ERROR_BY_STEP.name: list_steps(errors, tests, list(plants), executed, bool(learned)),
+        ERROR_BY_STEP.name: list_steps(errors, tests, list(plants), trials, bool(learned)),
     }
     summary = summarise(errors, told[GREY_BOX_COVERAGE.name], told[GREY_BOX_MODELS.name])
     experiments = int(summary["experiments"].max())
@@ -354,25 +356,6 @@ def add_forces(recordings: pd.DataFrame, plants: Mapping[str, Plant], cfg: Confi
         for name, plant in plants.items()
     }
     return keep_wanted(recordings.assign(**forces))
-
-
-def locate_points(
-    points: pd.DataFrame, initial: pd.DataFrame, designed: pd.DataFrame, plant: Plant, cfg: Config
-) -> pd.DataFrame:
-    """Return the design's points with the force of a plant at the samples of the executed trials that they are.
-
-    Points of the initial data do not tell their trial: they are found by what was measured.
-    """
-    executed = join_executed(initial, designed)
-    force = simulate_force(plant, cfg.exoskeleton, executed, ["trial"], cfg.grey_box.smoothing_s, in_session=True)
-    own = designed[designed["arm"] == points["arm"].iloc[0]]
-    numbers = np.concatenate([np.zeros(len(initial), dtype=int), own["trial"].to_numpy()])
-    keys = [*WHO, "trial", "muscle", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]
-    rows = executed.assign(trial=numbers, **{AMENDED: force})[[*keys, AMENDED]].drop_duplicates(keys)
-    found = points.merge(rows, how="left", on=keys, validate="many_to_one")
-    if found[AMENDED].isna().any():
-        raise ValueError("points: expected samples of the executed trials, got others; run stages=[active_loop] again")
-    return found
 
 
 def gather_samples(samples: pd.DataFrame, recorded: RecordedModels) -> Tested:

@@ -33,15 +33,16 @@ class InputConstants(BaseModel):
 class Feature(NamedTuple):
     """A model's input: its column in tables, its unit, a description, and how it follows from a trial's signals.
 
-    `of_pressure` says whether it follows from pressure alone; else it follows from motion alone. The signals are the
-    columns of a muscle's recording by name, (T,) each, and the time between samples, s; there is nothing to do for a
-    measured one.
+    `constant` is the name of the constant that it depends on, if any. `of_pressure` says whether it follows from
+    pressure alone; else it follows from motion alone. The signals are the columns of a muscle's recording by name, (T,)
+    each, and the time between samples, s; there is nothing to do for a measured one.
     """
 
     column: str
     unit: str
     description: str
     follow: Callable[[Mapping[str, Array], float, InputConstants], Array] | None = None
+    constant: str = ""
     of_pressure: bool = False
 
 
@@ -76,7 +77,11 @@ FEATURES = {
     "contraction_velocity": Feature(VELOCITY, "1/s", "measured contraction velocity"),
     **{
         f"contraction_stop{size}": Feature(
-            f"contraction_stop{size}", "1", f"contraction less its {play}, which dry friction follows", _stop(power)
+            f"contraction_stop{size}",
+            "1",
+            f"contraction less its {play}, which dry friction follows",
+            _stop(power),
+            "stop_width",
         )
         for size, play, power in (
             ("_narrow", "narrow play operator", -1),
@@ -85,12 +90,18 @@ FEATURES = {
         )
     },
     "contraction_highpass": Feature(
-        "contraction_highpass", "1", "contraction less its first-order lag, which creep follows", _highpass(CONTRACTION)
+        "contraction_highpass",
+        "1",
+        "contraction less its first-order lag, which creep follows",
+        _highpass(CONTRACTION),
+        "highpass_s",
     ),
     "pressure_highpass": Feature(
-        "pressure_highpass_kpa", "kPa", "pressure less its first-order lag", _highpass(PRESSURE), of_pressure=True
+        "pressure_highpass_kpa", "kPa", "pressure less its first-order lag", _highpass(PRESSURE), "highpass_s", True
     ),
-    "direction": Feature("direction", "1", "tanh of contraction velocity, which sliding friction follows", _direction),
+    "direction": Feature(
+        "direction", "1", "tanh of contraction velocity, which sliding friction follows", _direction, "direction_per_s"
+    ),
     "pressure_rate": Feature("pressure_rate_kpa_per_s", "kPa/s", "rate of pressure", _pressure_rate, of_pressure=True),
 }
 """Inputs by name. Play operators of several widths (Prandtl and Ishlinskii) and first-order lags are the generic
@@ -147,6 +158,17 @@ class ModelSettings(BaseModel):
     def pressure_inputs(self) -> tuple[int, ...]:
         """Places in the vector of the inputs that follow from pressure alone."""
         return tuple(place for place, each in enumerate(self.features) if each.of_pressure)
+
+    @property
+    def constant_names(self) -> list[str]:
+        """Names of the constants that the inputs depend on."""
+        return list(dict.fromkeys(each.constant for each in self.features if each.constant))
+
+    def scale(self, octaves: Sequence[float]) -> Self:
+        """Return the settings with each of these constants so many octaves above where it was."""
+        own = zip(self.constant_names, octaves, strict=True)
+        scaled = {name: getattr(self.constants, name) * 2.0**each for name, each in own}
+        return self.model_copy(update={"constants": self.constants.model_copy(update=scaled)})
 
     def extend(self, recordings: pd.DataFrame, trial: Sequence[str]) -> pd.DataFrame:
         """Return recordings with a column for each feature that is not measured.

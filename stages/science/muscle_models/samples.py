@@ -1,6 +1,7 @@
 """The samples that models stand on, taken from what was executed."""
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -54,6 +55,34 @@ def keep_wanted(samples: pd.DataFrame) -> pd.DataFrame:
     """Return the samples of trials, not of their lead-ins, that the task wants, where they say so."""
     samples = leave_out_lead_in(samples)
     return samples[samples["wanted"]] if "wanted" in samples else samples
+
+
+def locate_points(
+    points: pd.DataFrame, initial: pd.DataFrame, designed: pd.DataFrame, values: Mapping[str, NDArray[Any]]
+) -> pd.DataFrame:
+    """Return the points of one arm with more columns: `values` at the samples of the executed trials that they are.
+
+    Parameters
+    ----------
+    points, initial, designed : DataFrame
+        Rows of `points`, `hardware_recordings` and `active_recordings`.
+    values : mapping of (N,) arrays
+        By column, for each of the N rows that `join_executed` makes of the recordings.
+
+    Raises
+    ------
+    ValueError
+        When a point is no sample of these trials. Points of the initial data do not tell their trial: they are found
+        by what was measured.
+    """
+    own = designed[designed["arm"] == points["arm"].iloc[0]]
+    trials = pd.concat([initial.assign(trial=0), own], ignore_index=True)
+    keys = ["participant", "experiment", "trial", "muscle", "time_s", *MODEL_INPUTS, MODEL_OUTPUT]
+    rows = trials[keys].assign(**values).drop_duplicates(keys)
+    found = points.merge(rows, how="left", on=keys, validate="many_to_one")
+    if found[list(values)].isna().any(axis=None):
+        raise ValueError("points: expected samples of the executed trials, got others; run stages=[active_loop] again")
+    return found
 
 
 def thin(executed: pd.DataFrame, every: int, trial: Sequence[str]) -> pd.DataFrame:
