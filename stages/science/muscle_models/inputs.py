@@ -159,17 +159,6 @@ class ModelSettings(BaseModel):
         """Places in the vector of the inputs that follow from pressure alone."""
         return tuple(place for place, each in enumerate(self.features) if each.of_pressure)
 
-    @property
-    def constant_names(self) -> list[str]:
-        """Names of the constants that the inputs depend on."""
-        return list(dict.fromkeys(each.constant for each in self.features if each.constant))
-
-    def scale(self, octaves: Sequence[float]) -> Self:
-        """Return the settings with each of these constants so many octaves above where it was."""
-        own = zip(self.constant_names, octaves, strict=True)
-        scaled = {name: getattr(self.constants, name) * 2.0**each for name, each in own}
-        return self.model_copy(update={"constants": self.constants.model_copy(update=scaled)})
-
     def extend(self, recordings: pd.DataFrame, trial: Sequence[str]) -> pd.DataFrame:
         """Return recordings with a column for each feature that is not measured.
 

@@ -1,0 +1,233 @@
+"""Inputs of the models and constants of their memory by the designed trials, and what that takes off their errors.
+
+In: `points` of the design's arm, the recordings of the executed trials, `bank` and `candidates` for the inputs' scales,
+`hyperprior` and `scaling`; to test on, `task_movements`, `bank` and `unseen_bank`, whose force the evaluation alone
+reads. Out: `selected_inputs`, `selected_constants`, `models_tried`, `selection_errors`, and sentences. It measures
+nothing, and trials that were chosen stay.
+"""
+
+from collections.abc import Mapping
+from typing import Annotated, ClassVar, Self
+
+import pandas as pd
+from pydantic import Field, PositiveFloat, PositiveInt, model_validator
+
+from pipeline.config import Section, View
+from pipeline.context import Context
+from pipeline.stage import stage
+from pipeline.table import Table, column, sentences
+from stages.science.figures.model_selection import draw_selection
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, average_muscles
+from stages.science.muscle_models.inputs import FEATURES, ModelSettings
+from stages.science.muscle_models.model_selection import CONSTANTS, Evidence, Fitted, Selected, select_model
+from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points
+from stages.science.recording.datasets import join_executed
+from stages.science.signals.measures import error_rate
+from stages.science.signals.scaling import MODEL_OUTPUT
+
+WHO = ["participant", "experiment"]
+WORDS = {"task": "the task", "bank": "the bank", "unseen_bank": "movements that nothing else saw"}
+SELECTED_INPUTS = Table(
+    "selected_inputs",
+    "An input of the models that is not measured: whether there is evidence for it",
+    {
+        "input": column(str, "as in model.inputs", among=[name for name, each in FEATURES.items() if each.follow]),
+        "assumed": column(bool, "whether the designed trials' models have it"),
+        "selected": column(bool, "whether the models with most evidence have it"),
+        "evidence": column(float, "log evidence that is lost if this is decided the other way (nats)", low=0),
+    },
+    key=("input",),
+)
+SELECTED_CONSTANTS = Table(
+    "selected_constants",
+    "A constant that inputs of the models depend on",
+    {
+        "constant": column(str, "as in model.constants", among=list(CONSTANTS)),
+        "assumed": column(float, "as configured, in the unit that model.constants tells", low=0),
+        "selected": column(float, "with most evidence, in the same unit", low=0),
+        "octaves": column(float, "the second over the first, as a power of two"),
+    },
+    key=("constant",),
+)
+MODELS_TRIED = Table(
+    "models_tried",
+    "A choice of inputs and constants that was tried",
+    {
+        "inputs": column(str, "that the models have, by comma"),
+        **{name: column(float, "constant, in the unit that model.constants tells", low=0) for name in CONSTANTS},
+        "score": column(float, "log evidence of all models and log prior of the constants (nats)"),
+    },
+    key=("inputs", *CONSTANTS),
+)
+SELECTION_ERRORS = Table(
+    "selection_errors",
+    "Error rate of the models of one experiment as they were assumed, and of those with most evidence",
+    {
+        "participant": column(str, "who tracked"),
+        "experiment": column(int, "experiment of this participant", low=1),
+        "tested_on": column(str, "; ".join(f"{name}: {told}" for name, told in WORDS.items()), among=list(WORDS)),
+        "muscle": column(str, "muscle, or mean for the average over muscles"),
+        "assumed": column(float, "RMSE of the force over the largest of the test data", percent=True, low=0),
+        "selected": column(float, "the same with the selected inputs and constants", percent=True, low=0),
+    },
+    key=(*WHO, "tested_on", "muscle"),
+    main=("muscle", ALL_MUSCLES),
+)
+SELECTION_FINDINGS = sentences("selection_findings", "finding")
+
+
+class SelectionSettings(Section):
+    """Config group ``model_selection``."""
+
+    experiments: PositiveInt
+    spread_octaves: PositiveFloat
+    steps_octaves: Annotated[list[PositiveFloat], Field(min_length=1)]
+    log_length_mean: float
+    log_length_variance: PositiveFloat
+
+
+class MeasuredStay(View):
+    """What is measured now is among the inputs: selection leaves it in."""
+
+    model: ModelSettings
+
+    @model_validator(mode="after")
+    def _keep_measured(self) -> Self:
+        lacking = [name for name, each in FEATURES.items() if each.follow is None and name not in self.model.inputs]
+        if lacking:
+            raise ValueError(
+                f"model.inputs: expected {', '.join(lacking)} among them, as selection adds memories alone"
+            )
+        return self
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    checks: ClassVar = (MeasuredStay,)
+
+    model_selection: SelectionSettings
+    model: ModelSettings
+    seed: int
+
+
+@stage(
+    SELECTED_INPUTS, SELECTED_CONSTANTS, MODELS_TRIED, SELECTION_ERRORS, SELECTION_FINDINGS, stream="model_selection"
+)
+def model_selection(
+    cfg: Config,
+    bank: pd.DataFrame,
+    candidates: pd.DataFrame,
+    hyperprior: pd.DataFrame,
+    scaling: pd.DataFrame,
+    points: pd.DataFrame,
+    hardware_recordings: pd.DataFrame,
+    active_recordings: pd.DataFrame,
+    ctx: Context,
+    task_movements: pd.DataFrame | None = None,
+    unseen_bank: pd.DataFrame | None = None,
+) -> dict[str, pd.DataFrame]:
+    """Select inputs and constants of the models, and compare the models with those that were assumed."""
+    settings, own = cfg.model_selection, points[points["arm"] == points["arm"].iloc[0]]
+    initial, designed, own = (
+        each[each["experiment"] <= settings.experiments] for each in (hardware_recordings, active_recordings, own)
+    )
+    executed = join_executed(initial, designed)
+    placed = locate_points(own, initial, designed, {"row": executed.index.to_numpy()})
+    keyed = placed.groupby([*WHO, "muscle"], sort=False)
+    rows = {(str(key[0]), int(str(key[1])), str(key[2])): its["row"].to_numpy() for key, its in keyed}
+    recorded = {str(name): RecordedModels.read(hyperprior, scaling, name) for name in hyperprior["muscle"].unique()}
+    length = settings.log_length_mean, settings.log_length_variance
+    evidence = Evidence(cfg.model, bank, candidates["time_s"].unique(), executed, rows, recorded, length)
+    search = settings.spread_octaves, settings.steps_octaves, ctx.generator("starts")
+    with ctx.progress("choices of inputs and constants", 4 * len(FEATURES)) as advance:
+        found = select_model(evidence, *search, lambda each: advance(f"{len(each.inputs)} inputs"))
+    errors = compare_errors(cfg.model, found, {"task": task_movements, "bank": bank, "unseen_bank": unseen_bank})
+    constants, inputs = tabulate_constants(cfg.model, found), tabulate_inputs(found)
+    tried = [
+        {"inputs": ",".join(choice.inputs), **choice.apply(cfg.model).constants.model_dump(), "score": score}
+        for choice, score in found.scores.items()
+    ]
+    ctx.figure(
+        "model_selection",
+        draw_selection(inputs),
+        "Log evidence that is lost where one input is added or left out against the selection, all models together.",
+    )
+    told = {
+        SELECTED_INPUTS.name: inputs,
+        SELECTED_CONSTANTS.name: constants,
+        MODELS_TRIED.name: pd.DataFrame(tried)[list(MODELS_TRIED.columns)],
+        SELECTION_ERRORS.name: errors[list(SELECTION_ERRORS.columns)],
+    }
+    findings = describe_selection(inputs, constants, errors, found)
+    return {**told, SELECTION_FINDINGS.name: pd.DataFrame({"sentence": findings})}
+
+
+def tabulate_inputs(found: Selected) -> pd.DataFrame:
+    """Return the rows of `selected_inputs`."""
+    rows = [
+        (name, name in found.first.inputs, name in found.best.inputs, found.scores[found.best] - found.scores[toggled])
+        for name, toggled in found.best.list_toggles()
+    ]
+    return pd.DataFrame(rows, columns=list(SELECTED_INPUTS.columns))
+
+
+def tabulate_constants(model: ModelSettings, found: Selected) -> pd.DataFrame:
+    """Return the rows of `selected_constants`, of constants that the selected inputs depend on."""
+    best, octaves = found.best.apply(model).constants, dict(zip(CONSTANTS, found.best.octaves, strict=True))
+    rows = [
+        (name, getattr(model.constants, name), getattr(best, name), octaves[name])
+        for name in CONSTANTS
+        if name in found.best.used
+    ]
+    return pd.DataFrame(rows, columns=list(SELECTED_CONSTANTS.columns))
+
+
+def compare_errors(model: ModelSettings, found: Selected, given: Mapping[str, pd.DataFrame | None]) -> pd.DataFrame:
+    """Return the rows of `selection_errors` on the test sets that there are, the average over muscles among them."""
+    both = {"assumed": (found.first, found.assumed), "selected": (found.best, found.fitted)}
+    rates: dict[tuple[str, int, str, str], dict[str, float]] = {}
+    for name, (choice, models) in both.items():
+        for tested_on, samples in gather_tests(choice.apply(model), given).items():
+            by_muscle = dict(list(keep_wanted(samples).groupby("muscle")))
+            for (participant, experiment, muscle), fitted in models.items():
+                rate = measure_error(fitted, by_muscle[muscle])
+                rates.setdefault((participant, experiment, tested_on, muscle), {})[name] = rate
+    keys = [*WHO, "tested_on", "muscle"]
+    errors = pd.DataFrame([{**dict(zip(keys, where, strict=True)), **each} for where, each in rates.items()])
+    return pd.concat([errors, average_muscles(errors, [*both])], ignore_index=True)
+
+
+def measure_error(fitted: Fitted, samples: pd.DataFrame) -> float:
+    """Return the error rate of a muscle's model on a test set."""
+    force = fitted.scaling.restore_force(fitted.model.predict_mean(fitted.scaling.inputs_of(samples)))
+    return error_rate(force, samples[MODEL_OUTPUT].to_numpy())
+
+
+def describe_selection(
+    inputs: pd.DataFrame, constants: pd.DataFrame, errors: pd.DataFrame, found: Selected
+) -> list[str]:
+    """Return which inputs and constants the designed trials are evidence for, and what the models err by with them."""
+    added, left = (
+        inputs.query(f"selected == {each} and assumed != {each}")["input"].tolist() for each in (True, False)
+    )
+    moved = constants[constants["octaves"] != 0.0].to_dict("records")
+    if not added and not left and not moved:
+        return ["The designed trials are evidence for the inputs and constants of the models as they were assumed."]
+    changes = [f"also {' and '.join(added)}"] if added else []
+    changes += [f"not {' and '.join(left)}"] if left else []
+    changes += [f"{row['constant']} {row['selected']:.3g} instead of {row['assumed']:.3g}" for row in moved]
+    mean = errors[errors["muscle"] == ALL_MUSCLES].groupby("tested_on", sort=False)[["assumed", "selected"]].mean()
+    rates = [
+        f"{100 * now:.3g} % on {WORDS[str(name)]} ({100 * before:.3g} %)"
+        for name, before, now in mean.itertuples(name=None)
+    ]
+    keys = [f"model.inputs=[{','.join(found.best.inputs)}]"] if added or left else []
+    keys += [f"model.constants.{row['constant']}={row['selected']:.4g}" for row in moved]
+    return [
+        f"The designed trials are evidence for other inputs of the models: {', '.join(changes)} (log evidence "
+        f"+{found.gain:.3g}). With these the models of the same trials err by {', '.join(rates)}; in brackets as they "
+        "were assumed.",
+        f"To design trials with them, add {' '.join(keys)}.",
+    ]
