@@ -23,6 +23,7 @@ import re
 from collections.abc import Mapping, Sequence
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import hydra
 from hydra.core.global_hydra import GlobalHydra
@@ -51,7 +52,6 @@ def main() -> int:
     typed = sys.argv[1:]
     files: dict[str, dict[str, str]] = {}
 
-    @hydra.main(version_base="1.3", config_path=str(CONFIG_FOLDER), config_name="config")
     def task(composed: DictConfig) -> None:
         from pipeline.runner import run_study  # --help and a mistyped key need none of what this imports
 
@@ -85,7 +85,12 @@ def main() -> int:
 
             typed, sys.argv[1:] = name_sweep(typed), name_sweep(sys.argv[1:])
             return run_sweep(read_options(sys.argv[1:]).overrides, typed, CONFIG_FOLDER, options.config_dir, files)
-        task()
+        if sys.argv[1:] == options.overrides:
+            with hydra.initialize_config_dir(str(CONFIG_FOLDER), version_base="1.3"):
+                application: Any = GlobalHydra.instance().hydra
+                application.run("config", task, options.overrides)
+        else:  # for the sake of options, hydra.main composes all twice
+            hydra.main(version_base="1.3", config_path=str(CONFIG_FOLDER), config_name="config")(task)()
         if asks:
             sys.stdout.flush()
         for fault in faults:
