@@ -8,8 +8,10 @@ import ast
 import importlib.metadata
 import importlib.util
 import platform
+import re
 import sys
 from collections.abc import Iterable, Iterator, Mapping
+from contextlib import suppress
 from functools import cache
 from itertools import takewhile
 from pathlib import Path
@@ -18,6 +20,8 @@ from typing import Any
 from pydantic import BaseModel
 
 from pipeline.files import hash_file
+
+DEFINITION = re.compile(rb"^(?:class|def|async|@)", re.MULTILINE)
 
 
 def hash_sources(package: str, modules: Iterable[str]) -> dict[str, str]:
@@ -122,7 +126,15 @@ def _list_packages(path: Path) -> tuple[str, ...]:
 
 @cache
 def _imports(path: Path) -> tuple[str, ...]:
-    return tuple(_walk_imports(ast.parse(path.read_bytes()), _list_packages(path)))
+    return tuple(_walk_imports(_parse(path.read_bytes()), _list_packages(path)))
+
+
+def _parse(source: bytes) -> ast.Module:
+    """Return the syntax tree of a module, but for the definitions after the last mention of an import: most of it."""
+    rest = DEFINITION.search(source, source.rfind(b"import"))
+    with suppress(SyntaxError):  # of a text that was taken for a definition
+        return ast.parse(source[: rest.start()] if rest else source)
+    return ast.parse(source)
 
 
 def _walk_imports(node: ast.AST, packages: tuple[str, ...]) -> Iterator[str]:

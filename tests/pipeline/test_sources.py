@@ -85,7 +85,8 @@ def test_relative_imports_count_and_files_of_one_name_are_kept_apart(tmp_path, m
     texts = {
         "bench/__init__.py": "",
         "bench/weighing.py": "from .scale import tare\nfrom . import notes\nfrom ..loads import heavy\n",
-        "bench/scale.py": "tare = 0",
+        "bench/scale.py": 'def tare():\n    from . import springs\n\n\nTOLD = """\ndef of a text\n"""\n',
+        "bench/springs.py": "def pull():\n    return 1\n",
         "bench/notes.py": "",
         "loads/__init__.py": "",
         "loads/heavy.py": "from .more.heavy import load",
