@@ -7,7 +7,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import lapack
+import scipy
 
 from stages.science.gp.kernel import Array
 
@@ -30,7 +30,7 @@ class Factor:
     @cached_property
     def inverse(self) -> Array:
         """Inverse of the lower factor, (N, N): C^-1 = inverse' inverse is never formed to predict."""
-        return np.ascontiguousarray(lapack.dtrtri(self.lower, lower=1)[0])
+        return np.ascontiguousarray(scipy.linalg.lapack.dtrtri(self.lower, lower=1)[0])
 
     @property
     def log_determinant(self) -> float:
@@ -39,11 +39,11 @@ class Factor:
 
     def whiten(self, columns: Array) -> Array:
         """Return lower^-1 columns."""
-        return np.asarray(lapack.dtrtrs(self.lower, columns, lower=1)[0])
+        return np.asarray(scipy.linalg.lapack.dtrtrs(self.lower, columns, lower=1)[0])
 
     def solve(self, columns: Array) -> Array:
         """Return C^-1 columns."""
-        return np.asarray(lapack.dtrtrs(self.lower, self.whiten(columns), lower=1, trans=1)[0])
+        return np.asarray(scipy.linalg.lapack.dtrtrs(self.lower, self.whiten(columns), lower=1, trans=1)[0])
 
 
 def factorise(covariance: Array, scaled: Array) -> Factor:
@@ -61,7 +61,7 @@ def factorise(covariance: Array, scaled: Array) -> Factor:
     for relative in RELATIVE_JITTERS:
         jitter = relative * scale
         shifted = covariance + jitter * np.eye(len(covariance)) if jitter else covariance
-        lower, failed = lapack.dpotrf(shifted, lower=1, clean=1)
+        lower, failed = scipy.linalg.lapack.dpotrf(shifted, lower=1, clean=1)
         if not failed and np.diag(lower).min() ** 2 > rounding:
             repair = f"jitter {jitter:.1e} on the covariance's diagonal: {_describe_closest(scaled)}" if jitter else ""
             return Factor(lower, jitter, repair)

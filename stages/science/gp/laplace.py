@@ -4,7 +4,7 @@ from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
-from scipy.linalg import cho_factor, cho_solve
+import scipy
 
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.kernel import Array
@@ -46,7 +46,7 @@ def approximate(hessian: Array, prior: Hyperprior) -> Laplace:
         covariance = (axes / np.where(flat, prior.precision @ axes**2, curvature)) @ axes.T
         repair = f"indefinite Hessian: hyperprior's precision along {int(flat.sum())} of {flat.size} directions"
     else:
-        covariance = cho_solve(cho_factor(precision), np.eye(len(precision)))
+        covariance = scipy.linalg.cho_solve(scipy.linalg.cho_factor(precision), np.eye(len(precision)))
     return Laplace(0.5 * (covariance + covariance.T), repair)
 
 

@@ -10,8 +10,8 @@ after Rasmussen and Williams (2006), 5.4; the hyperprior is counted once.
 """
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg.blas import dtrmm
 
 from stages.science.gp.factor import Factor, FactorisationError, factorise
 from stages.science.gp.hyperprior import Hyperprior
@@ -110,8 +110,8 @@ class LogPosterior:
         np.multiply(self._squares, covariance, out=slopes)
         curvature = self._curve(read, outer, flat[:d], squares, float(np.vdot(outer, covariance)))
         for slope, length in zip(slopes, read.lengths, strict=True):
-            half = dtrmm(1.0 / length**2, inverse.T, slope.T, trans_a=1)
-            slope[:] = dtrmm(1.0, inverse.T, half, side=1)
+            half = scipy.linalg.blas.dtrmm(1.0 / length**2, inverse.T, slope.T, trans_a=1)
+            slope[:] = scipy.linalg.blas.dtrmm(1.0, inverse.T, half, side=1)
         np.matmul(inverse, inverse.T, out=whitened[d + 1])
         np.multiply(whitened[d + 1], -2.0 * (read.noise_variance + factor.jitter), out=whitened[d])
         whitened[d].flat[:: n + 1] += 2.0

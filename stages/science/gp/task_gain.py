@@ -11,8 +11,8 @@ Hyperparameters are held; neither data nor outputs are needed but for the model'
 from abc import ABC, abstractmethod
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
-from scipy.linalg import lapack
 
 from stages.science.gp.kernel import Array
 from stages.science.gp.marginal import MarginalGP
@@ -75,7 +75,7 @@ class TaskGain(ABC):
         noisy, across = self._condition(trajectories)
         noisy[:, np.arange(noisy.shape[1]), np.arange(noisy.shape[1])] += self._noise
         lower = np.linalg.cholesky(noisy)
-        solved = [lapack.dtrtrs(its, each, lower=1)[0] for its, each in zip(lower, across, strict=True)]
+        solved = [scipy.linalg.lapack.dtrtrs(its, each, lower=1)[0] for its, each in zip(lower, across, strict=True)]
         return self._add(np.square(solved).sum(axis=1))
 
     def _condition(self, trajectories: Array) -> tuple[Array, Array]:

@@ -14,8 +14,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import pandas as pd
+import scipy
 from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt
-from scipy import special
 
 from stages.science.gp.expected_error import expect_error, leave_trials_out
 from stages.science.gp.marginal import MarginalGP
@@ -43,12 +43,12 @@ class Spread(BaseModel):
 
     def reach(self, trials: int) -> float:
         """Return the half width of an interval, in scales of the ratio's logarithm."""
-        return float(special.stdtrit(self.freedom(trials), 0.5 + 0.5 * LEVEL))
+        return float(scipy.special.stdtrit(self.freedom(trials), 0.5 + 0.5 * LEVEL))
 
     def probability_below(self, limit: float, median: float, high: float, trials: int) -> float:
         """Return how probable an error rate below a limit is, by its median and the upper end of its interval."""
         scales = np.log(limit / median) / np.log(high / median) * self.reach(trials)
-        return float(special.stdtr(self.freedom(trials), scales))
+        return float(scipy.special.stdtr(self.freedom(trials), scales))
 
 
 @dataclass(frozen=True)
