@@ -441,7 +441,7 @@ def _read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict
         for wanted, rules in ((True, metric.where), (False, metric.but)):
             for column, value in rules.items():
                 frame = frame[frame[column].isin(value if isinstance(value, list) else [value]) == wanted]
-        declared = contracts[metric.table].columns[metric.column].metadata
+        declared = contracts[metric.table].columns[metric.column]
         said = {"title": metric.title, "percent": declared["percent"]}
         found[name] = {
             "value": _reduce(frame[metric.column].dropna(), metric.by),

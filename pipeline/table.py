@@ -6,14 +6,12 @@ so that no damage to it goes unnoticed: Parquet itself has no checksum for its f
 """
 
 import hashlib
-from collections.abc import Iterable, Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from functools import cached_property
 from pathlib import Path
-from typing import Any, Literal
+from typing import Any, Literal, TypedDict
 
 import pandas as pd
-import pandera.pandas as pa
 import pyarrow
 import pyarrow.parquet
 
@@ -31,6 +29,20 @@ LONGEST_VALUE = 80
 """Characters of a value in a message."""
 
 
+class Column(TypedDict):
+    """What a table says of one of its columns, in the words of `column`: plain, so that anything may declare one."""
+
+    dtype: type
+    description: str
+    unit: str
+    low: float | None
+    high: float | None
+    among: list[Any] | None
+    nullable: bool
+    optional: bool
+    percent: bool
+
+
 def column(
     dtype: type,
     description: str,
@@ -38,24 +50,28 @@ def column(
     unit: str = "1",
     low: float | None = None,
     high: float | None = None,
-    among: Iterable[Any] | None = None,
+    among: Collection[Any] | None = None,
     nullable: bool = False,
     optional: bool = False,
     percent: bool = False,
-) -> pa.Column:
+) -> Column:
     """Declare one column of a table: of int, float, str or bool, with one line for the report and the Parquet file.
 
     The unit is ``"1"`` for ratios, counts and names. Values lie in the closed range from `low` to `high`, or `among`
     the only ones allowed; they may be missing where the column is `nullable`. An `optional` column may be absent as a
     whole. A ratio in `percent` is kept as it is and shown in per cent.
     """
-    allowed = None if among is None else list(among)
-    limits = ((pa.Check.ge, low), (pa.Check.le, high), (pa.Check.isin, allowed))
-    checks = [check(limit) for check, limit in limits if limit is not None]
-    metadata = {"unit": unit, "percent": percent}
-    return pa.Column(
-        dtype, checks, nullable=nullable, required=not optional, description=description, metadata=metadata
-    )
+    return {
+        "dtype": dtype,
+        "description": description,
+        "unit": unit,
+        "low": low,
+        "high": high,
+        "among": None if among is None else list(among),
+        "nullable": nullable,
+        "optional": optional,
+        "percent": percent,
+    }
 
 
 @dataclass(frozen=True)
@@ -71,17 +87,12 @@ class Table:
 
     name: str
     title: str
-    columns: Mapping[str, pa.Column]
+    columns: Mapping[str, Column]
     key: tuple[str, ...] = ()
     brief: tuple[str, ...] = ()
     main: tuple[str, str] | None = None
     minor: tuple[str, float] | None = None
     role: Literal["data", "finding", "advice", "remark"] = "data"
-
-    @cached_property
-    def schema(self) -> pa.DataFrameSchema:
-        """The pandera schema that `check` applies."""
-        return pa.DataFrameSchema(dict(self.columns), strict=True, ordered=True)
 
     def check(self, frame: pd.DataFrame, where: str) -> pd.DataFrame:
         """Return `frame` if it keeps the contract.
@@ -90,7 +101,7 @@ class Table:
         rows.
         """
         names = [str(name) for name in frame.columns]
-        missing = [name for name, each in self.columns.items() if each.required and name not in frame.columns]
+        missing = [name for name, each in self.columns.items() if not each["optional"] and name not in frame.columns]
         surplus = [str(name) for name in frame.columns if name not in self.columns]
         repeated = sorted({name for name in names if names.count(name) > 1} - set(surplus))
         parts = [
@@ -108,12 +119,9 @@ class Table:
         frame = frame.reset_index(drop=True)
         checked = frame
         if frame.empty:
-            checked = frame.astype({name: each.dtype.type for name, each in present.items()})
+            checked = frame.astype({name: _dtype(each) for name, each in present.items()})
         elif not all(_obeys(frame[name], each) for name, each in present.items()):
-            try:
-                checked = self.schema.validate(frame, lazy=True)
-            except pa.errors.SchemaErrors as errors:
-                raise TableError(f"table {self.name} ({where}): {_describe(errors.failure_cases)}") from None
+            checked = self._ask_pandera(frame, where)
         for name in [each for each, dtype in checked.dtypes.items() if dtype.kind == "O" and dtype != TEXT]:
             try:
                 checked = checked.assign(**{str(name): checked[name].astype(TEXT)})
@@ -123,6 +131,22 @@ class Table:
             row = int(checked.duplicated(list(self.key)).to_numpy().argmax())
             values = ", ".join(f"{name} {_show(checked[name].iloc[row])}" for name in self.key)
             raise TableError(f"table {self.name} ({where}): row {row} repeats the key ({values})")
+        return checked
+
+    def _ask_pandera(self, frame: pd.DataFrame, where: str) -> pd.DataFrame:
+        """Return `frame` if pandera takes it for what is declared; a TableError has its words."""
+        import pandera.pandas as pa  # slow to import, and most tables surely keep their contract
+
+        def declare(each: Column) -> pa.Column:
+            limits = ((pa.Check.ge, each["low"]), (pa.Check.le, each["high"]), (pa.Check.isin, each["among"]))
+            checks = [check(limit) for check, limit in limits if limit is not None]
+            return pa.Column(each["dtype"], checks, nullable=each["nullable"], required=not each["optional"])
+
+        columns = {name: declare(each) for name, each in self.columns.items()}
+        try:
+            checked: pd.DataFrame = pa.DataFrameSchema(columns, strict=True, ordered=True).validate(frame, lazy=True)
+        except pa.errors.SchemaErrors as errors:
+            raise TableError(f"table {self.name} ({where}): {_describe(errors.failure_cases)}") from None
         return checked
 
     def select(self, frame: pd.DataFrame) -> pd.DataFrame:
@@ -140,7 +164,7 @@ class Table:
         arrow = pyarrow.Table.from_pandas(checked, preserve_index=False)
         described = {name: {"unit": unit, "description": told} for name, unit, told in self.describe()}
         for name in described:
-            if (self.columns[name].metadata or {}).get("percent"):
+            if self.columns[name]["percent"]:
                 described[name][SHOWN] = "%"
         fields = [field.with_metadata(described[field.name]) for field in arrow.schema]
         metadata = {**(arrow.schema.metadata or {}), b"title": self.title.encode()}
@@ -152,14 +176,13 @@ class Table:
 
     def show(self, frame: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
         """Return a frame as it is to be read, ratios that are so declared in per cent, and the units of its columns."""
-        shown = {name: each.metadata or {} for name, each in self.columns.items() if name in frame.columns}
-        units = {name: "%" if each.get("percent") else str(each.get("unit", "1")) for name, each in shown.items()}
+        shown = {name: each for name, each in self.columns.items() if name in frame.columns}
+        units = {name: "%" if each["percent"] else each["unit"] for name, each in shown.items()}
         return show_percent(frame, units), units
 
     def describe(self) -> list[tuple[str, str, str]]:
         """Return name, unit and description of each column."""
-        columns = self.columns.items()
-        return [(name, str((each.metadata or {}).get("unit", "1")), each.description or "") for name, each in columns]
+        return [(name, each["unit"], each["description"]) for name, each in self.columns.items()]
 
 
 TITLES = {"remark": "What to bear in mind", "finding": "What was found", "advice": "What to do next"}
@@ -221,27 +244,27 @@ def measure_file(path: Path) -> dict[str, Any]:
     }
 
 
-def _obeys(values: pd.Series, declared: pa.Column) -> bool:
-    """Return whether a column surely keeps its declaration, many times faster than pandera, which says how it does not.
+def _dtype(declared: Column) -> Any:
+    """Return what pandas calls the type of a column."""
+    return TEXT if declared["dtype"] is str else declared["dtype"]
 
-    Of the checks, those that `column` declares are known here; any other leaves the answer to pandera.
-    """
-    if values.dtype != declared.dtype.type:
+
+def _obeys(values: pd.Series, declared: Column) -> bool:
+    """Return whether a column surely keeps its declaration, sooner than pandera, which says how it does not."""
+    if values.dtype != _dtype(declared):
         return False
-    if values.hasnans and not declared.nullable:
+    if values.hasnans and not declared["nullable"]:
         return False
     present = values.dropna() if values.hasnans else values
-    for check in declared.checks:
-        limits = check.statistics
-        if check.name == "greater_than_or_equal_to":
-            kept = present.empty or present.min() >= limits["min_value"]
-        elif check.name == "less_than_or_equal_to":
-            kept = present.empty or present.max() <= limits["max_value"]
-        else:
-            kept = check.name == "isin" and set(present.unique()) <= set(limits["allowed_values"])
-        if not kept:
-            return False
-    return True
+    low, high, among = declared["low"], declared["high"], declared["among"]
+    return bool(
+        present.empty
+        or (
+            (low is None or present.min() >= low)
+            and (high is None or present.max() <= high)
+            and (among is None or set(present.unique()) <= {*among})
+        )
+    )
 
 
 def _describe(failures: pd.DataFrame) -> str:

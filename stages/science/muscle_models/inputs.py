@@ -10,9 +10,9 @@ from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
-import pandera.pandas as pa
 from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, model_validator
 
+from stages.science.signals.columns import Column, column
 from stages.science.signals.histories import lag
 from stages.science.signals.operators import follow_play
 from stages.science.signals.scaling import MODEL_INPUTS
@@ -108,10 +108,10 @@ FEATURES = {
 memories of Brokate and Sprekels, Hysteresis and Phase Transitions (1996), and of linear viscoelasticity."""
 
 
-def describe_features() -> dict[str, pa.Column]:
+def describe_features() -> dict[str, Column]:
     """Return the columns that tables of samples have beside the measured ones, where a model has these inputs."""
     return {
-        each.column: pa.Column(float, required=False, description=each.description, metadata={"unit": each.unit})
+        each.column: column(float, each.description, each.unit, optional=True)
         for each in FEATURES.values()
         if each.follow is not None
     }

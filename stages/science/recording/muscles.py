@@ -9,33 +9,26 @@ from typing import Any, Literal, Self
 
 import numpy as np
 import pandas as pd
-import pandera.pandas as pa
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
 
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.recording.columns import RecordingError
+from stages.science.signals.columns import Column, column
 
-
-def _column(dtype: type, description: str, unit: str = "1", check: pa.Check | None = None) -> pa.Column:
-    """Return a column; a constant that a fit may start from may be missing."""
-    nullable = description.endswith("to begin with")
-    return pa.Column(dtype, check, nullable=nullable, description=description, metadata={"unit": unit})
-
-
-MUSCLE_COLUMNS: dict[str, pa.Column] = {
-    "muscle": _column(str, "its name"),
-    "joint": _column(str, "joint that it moves"),
-    "role": _column(str, "agonists raise the angle", check=pa.Check.isin(["agonist", "antagonist"])),
-    "type": _column(str, "its type"),
-    "rest_length_m": _column(float, "length without pressure and load", "m", pa.Check.ge(0)),
-    "nominal_diameter_m": _column(float, "inner diameter without pressure", "m", pa.Check.ge(0)),
-    "moment_arm_m": _column(float, "radius of the joint's pulley", "m", pa.Check.ge(0)),
-    "contraction_at_angle_0": _column(float, "contraction at angle 0"),
-    "sign": _column(int, "1 when it shortens as the angle grows", check=pa.Check.isin([-1, 1])),
-    "valve_tau_s": _column(float, "time constant of the valve, to begin with", "s"),
-    "braid_angle_deg": _column(float, "braid angle at rest, to begin with", "degrees"),
-    "contraction_factor": _column(float, "factor on contraction, to begin with"),
-    "damping_n_s": _column(float, "tension lost per velocity, to begin with", "N s"),
+MUSCLE_COLUMNS: dict[str, Column] = {
+    "muscle": column(str, "its name"),
+    "joint": column(str, "joint that it moves"),
+    "role": column(str, "agonists raise the angle", among=["agonist", "antagonist"]),
+    "type": column(str, "its type"),
+    "rest_length_m": column(float, "length without pressure and load", "m", 0),
+    "nominal_diameter_m": column(float, "inner diameter without pressure", "m", 0),
+    "moment_arm_m": column(float, "radius of the joint's pulley", "m", 0),
+    "contraction_at_angle_0": column(float, "contraction at angle 0"),
+    "sign": column(int, "1 when it shortens as the angle grows", among=[-1, 1]),
+    "valve_tau_s": column(float, "time constant of the valve, to begin with", "s", nullable=True),
+    "braid_angle_deg": column(float, "braid angle at rest, to begin with", "degrees", nullable=True),
+    "contraction_factor": column(float, "factor on contraction, to begin with", nullable=True),
+    "damping_n_s": column(float, "tension lost per velocity, to begin with", "N s", nullable=True),
 }
 """What every table of a recorded machine holds of each muscle."""
 

@@ -12,7 +12,6 @@ from typing import Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
-import pandera.pandas as pa
 from numpy.typing import NDArray
 from pydantic import PrivateAttr, model_validator
 
@@ -21,6 +20,7 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.participant import Participant
 from stages.science.rig.attendance import Attendance, TrialDeclined
 from stages.science.rig.trial import CLIPPED_BY, PER_SAMPLE, STATUS, Recording, Trial
+from stages.science.signals.columns import Column, column
 
 LONGEST_LEAD_IN_S = 60.0
 """Longest time before a trial in which muscles are filled, s."""
@@ -250,28 +250,18 @@ def tidy(recording: Recording, rig: Rig) -> dict[str, NDArray[Any]]:
     return columns
 
 
-def _number(unit: str, description: str, low: float, high: float, nullable: bool = False) -> pa.Column:
-    checks = [pa.Check.ge(low), pa.Check.le(high)]
-    return pa.Column(float, checks, nullable=nullable, description=description, metadata={"unit": unit})
-
-
-def _word(description: str, among: Mapping[str, str] | None = None) -> pa.Column:
-    checks = None if among is None else pa.Check.isin(list(among))
-    return pa.Column(str, checks, nullable=False, description=description, metadata={"unit": "1"})
-
-
-MEASUREMENT_COLUMNS: dict[str, pa.Column] = {
-    "time_s": _number("s", "time from the trial's start; below 0 in the lead-in", -LONGEST_LEAD_IN_S, 3600.0),
-    "muscle": _word("name of the muscle"),
-    "pressure_command_kpa": _number(
-        "kPa", "commanded gauge pressure as applied, held until the next sample", 0.0, 1000.0
+MEASUREMENT_COLUMNS: dict[str, Column] = {
+    "time_s": column(float, "time from the trial's start; below 0 in the lead-in", "s", -LONGEST_LEAD_IN_S, 3600.0),
+    "muscle": column(str, "name of the muscle"),
+    "pressure_command_kpa": column(
+        float, "commanded gauge pressure as applied, held until the next sample", "kPa", 0.0, 1000.0
     ),
-    "pressure_kpa": _number("kPa", "gauge pressure at the valve", -50.0, 1100.0),
-    "contraction": _number("1", "contraction by encoder and geometry, ratio of rest length", -0.2, 0.5),
-    "contraction_velocity_per_s": _number("1/s", "filtered derivative of contraction", -20.0, 20.0),
-    "force_n": _number("N", "tension at the load cell", 0.0, 10000.0),
-    "joint_angle_rad": _number("rad", "angle of the muscle's joint", -6.3, 6.3),
-    "joint_velocity_rad_per_s": _number("rad/s", "filtered derivative of the joint's angle", -100.0, 100.0),
+    "pressure_kpa": column(float, "gauge pressure at the valve", "kPa", -50.0, 1100.0),
+    "contraction": column(float, "contraction by encoder and geometry, ratio of rest length", "1", -0.2, 0.5),
+    "contraction_velocity_per_s": column(float, "filtered derivative of contraction", "1/s", -20.0, 20.0),
+    "force_n": column(float, "tension at the load cell", "N", 0.0, 10000.0),
+    "joint_angle_rad": column(float, "angle of the muscle's joint", "rad", -6.3, 6.3),
+    "joint_velocity_rad_per_s": column(float, "filtered derivative of the joint's angle", "rad/s", -100.0, 100.0),
 }
 """What was measured in each sample; a table adds its own keys, such as the trial."""
 
@@ -279,13 +269,13 @@ _SHOWN = (
     "when a screen showed the reference of this sample, from the trial's start; missing where none did",
     "when a screen first showed a posture measured at time_s or later; missing where none did",
 )
-RECORDING_COLUMNS: dict[str, pa.Column] = {
+RECORDING_COLUMNS: dict[str, Column] = {
     **MEASUREMENT_COLUMNS,
-    "status": _word("what the sample is: ok, or what is wrong with it", STATUS),
-    "clipped_by": _word("what made the command differ from the one asked; empty = nothing did", CLIPPED_BY),
-    "late_s": _number("s", "how much later than at time_s the sample was taken", -1.0, 3600.0),
-    "reference_shown_s": _number("s", _SHOWN[0], -60.0, 3600.0, nullable=True),
-    "measured_shown_s": _number("s", _SHOWN[1], -60.0, 3600.0, nullable=True),
+    "status": column(str, "what the sample is: ok, or what is wrong with it", among=STATUS),
+    "clipped_by": column(str, "what made the command differ from the one asked; empty = nothing did", among=CLIPPED_BY),
+    "late_s": column(float, "how much later than at time_s the sample was taken", "s", -1.0, 3600.0),
+    "reference_shown_s": column(float, _SHOWN[0], "s", -60.0, 3600.0, nullable=True),
+    "measured_shown_s": column(float, _SHOWN[1], "s", -60.0, 3600.0, nullable=True),
 }
 """What a rig records of each sample: what was measured, and how."""
 

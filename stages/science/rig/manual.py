@@ -76,7 +76,7 @@ class ManualRig(Rig):
             "participant": trial.participant,
             "reason": "" if trial.proposal is None else trial.proposal.reason,
             "save_as": str(path),
-            "columns": {name: each.description for name, each in MEASUREMENT_COLUMNS.items()},
+            "columns": {name: each["description"] for name, each in MEASUREMENT_COLUMNS.items()},
             "rows": (
                 f"one for each of {len(self.muscles)} muscles and {self.samples} samples; before them, at times below "
                 "0, those of the filling, where they were recorded"

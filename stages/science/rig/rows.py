@@ -7,10 +7,10 @@ from typing import Any
 
 import numpy as np
 import pandas as pd
-import pandera.pandas as pa
 
 from stages.science.rig.contract import RECORDING_COLUMNS, Rig
 from stages.science.rig.trial import PER_SAMPLE, Recording
+from stages.science.signals.columns import Column
 
 PUNCTUAL: dict[str, Any] = {
     "status": "ok",
@@ -36,9 +36,16 @@ def check_values(frame: pd.DataFrame) -> pd.DataFrame:
     ValueError
         Naming the column, what was expected of it, and the first value that is otherwise.
     """
-    schema = pa.DataFrameSchema(RECORDING_COLUMNS, strict="filter", coerce=True)
+    import pandera.pandas as pa  # slow to import, and most rigs read no rows
+
+    def declare(each: Column) -> pa.Column:
+        limits = ((pa.Check.ge, each["low"]), (pa.Check.le, each["high"]), (pa.Check.isin, each["among"]))
+        checks = [check(limit) for check, limit in limits if limit is not None]
+        return pa.Column(each["dtype"], checks, nullable=each["nullable"])
+
+    columns = {name: declare(each) for name, each in RECORDING_COLUMNS.items()}
     try:
-        checked: pd.DataFrame = schema.validate(frame, lazy=True)
+        checked: pd.DataFrame = pa.DataFrameSchema(columns, strict="filter", coerce=True).validate(frame, lazy=True)
     except pa.errors.SchemaErrors as errors:
         case = errors.failure_cases.iloc[0]
         raise ValueError(f"column {case['column']}: expected {case['check']}, got {case['failure_case']}") from None

@@ -3,10 +3,11 @@ from typing import ClassVar
 
 import numpy as np
 import pandas as pd
-import pandera.pandas as pa
 import pytest
 from pydantic import PrivateAttr
 
+from pipeline.errors import TableError
+from pipeline.table import Table
 from stages.science.rig.contract import RECORDING_COLUMNS, Rig, RigError, tidy
 from stages.science.rig.trial import Recording, Trial
 from tests.science.plant.machines import configured, other_machine
@@ -136,15 +137,15 @@ def test_tidy_is_long_muscle_by_muscle_with_the_muscles_joint(generator):
 
 def test_the_columns_are_described_end_with_their_units_and_check_types_and_ranges(generator):
     for name, column in RECORDING_COLUMNS.items():
-        assert column.description
-        unit = column.metadata["unit"].lower().replace("/", "_per_").replace("1_per_", "per_")
+        assert column["description"]
+        unit = column["unit"].lower().replace("/", "_per_").replace("1_per_", "per_")
         assert unit == "1" or name.endswith(unit)
     with Bench() as bench:
         frame = pd.DataFrame(tidy(bench.execute(trial(), generator), bench))
-    schema = pa.DataFrameSchema(RECORDING_COLUMNS, strict=True, ordered=True)
-    schema.validate(frame)
+    table = Table("recorded", "A sample", RECORDING_COLUMNS)
+    table.check(frame, "here")
     for column, wrong in (("force_n", -1.0), ("pressure_kpa", 2000.0), ("contraction", np.nan)):
         broken = frame.copy()
         broken.loc[3, column] = wrong
-        with pytest.raises(pa.errors.SchemaError, match=column):
-            schema.validate(broken)
+        with pytest.raises(TableError, match=f"column {column}: expected"):
+            table.check(broken, "here")
