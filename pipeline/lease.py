@@ -10,6 +10,8 @@ Leases have numbers. Who takes a path makes the file of the next number, which o
 never removed, but marked when its holder gives it up, so that no number is given twice.
 """
 
+from __future__ import annotations
+
 import json
 import os
 import platform
@@ -19,9 +21,11 @@ from contextlib import suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
+from typing import TYPE_CHECKING
 from uuid import uuid4
 
-from filelock import FileLock, Timeout
+if TYPE_CHECKING:
+    from filelock import FileLock
 
 RENEW_S = 10.0
 """Between two renewals of a lease, s."""
@@ -69,10 +73,8 @@ class Lease:
 
     def take(self) -> bool:
         """Hold the path unless another one does; return whether this one does now."""
-        lock = FileLock(self.path)
-        try:
-            lock.acquire(timeout=0)
-        except Timeout:
+        lock = self._acquire_lock()
+        if lock is None:
             return False
         try:
             taken = self._take_next()
@@ -101,19 +103,29 @@ class Lease:
         """Return whether a living process holds the path."""
         if not self.path.exists():
             return False
-        lock = FileLock(self.path)
         try:
-            lock.acquire(timeout=0)
-        except Timeout:
-            return True
+            lock = self._acquire_lock()
         except OSError:
             return False
+        if lock is None:
+            return True
         try:
             return self._newest()[1]
         except OSError:
             return False
         finally:
             lock.release()
+
+    def _acquire_lock(self) -> FileLock | None:
+        """Return the system's lock of the path, now held, or None where another process holds it."""
+        from filelock import FileLock, Timeout  # slow to import, and a run where all is fresh holds nothing
+
+        lock = FileLock(self.path)
+        try:
+            lock.acquire(timeout=0)
+        except Timeout:
+            return None
+        return lock
 
     def _take_next(self) -> bool:
         newest, held = self._newest()

@@ -6,19 +6,23 @@ A block is a pair: its kind and what it shows. Kinds: ``heading``, ``note``, ``t
 and what holds blocks: ``failure``, ``beside`` (a pair of lists) and ``details`` (from `make_details`).
 """
 
+from __future__ import annotations
+
 import base64
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 
-import jinja2
 import pandas as pd
 
 from pipeline.command import split_command
 from pipeline.files import write_text
 from pipeline.printing import format_value, is_prose
+
+if TYPE_CHECKING:
+    from jinja2 import Environment
 
 PAGES = Path(__file__).parent / "pages"
 WIDE = 1100
@@ -71,7 +75,9 @@ def read_templates() -> None:
 
 
 @cache
-def _environment() -> jinja2.Environment:
+def _environment() -> Environment:
+    import jinja2  # which commands that write no page need not
+
     environment = jinja2.Environment(
         loader=jinja2.FileSystemLoader(PAGES),
         autoescape=True,

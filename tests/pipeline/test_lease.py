@@ -109,7 +109,7 @@ class SeparateLock(Lease):
     """A lease of a machine on a file system that keeps its locks from others."""
 
     def take(self):
-        with patch("pipeline.lease.FileLock", lambda path: FileLock(f"{path}-{self.machine}")):
+        with patch("filelock.FileLock", lambda path: FileLock(f"{path}-{self.machine}")):
             return super().take()
 
 
