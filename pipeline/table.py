@@ -8,6 +8,7 @@ so that no damage to it goes unnoticed: Parquet itself has no checksum for its f
 import hashlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
+from functools import cached_property
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
@@ -94,6 +95,20 @@ class Table:
     minor: tuple[str, float] | None = None
     role: Literal["data", "finding", "advice", "remark"] = "data"
 
+    @cached_property
+    def schema(self) -> Any:
+        """The pandera schema that `check` applies to what does not surely keep the contract."""
+        import pandera.pandas as pa
+
+        def declare(each: Column) -> pa.Column:
+            limits = ((pa.Check.ge, each["low"]), (pa.Check.le, each["high"]), (pa.Check.isin, each["among"]))
+            checks = [check(limit) for check, limit in limits if limit is not None]
+            return pa.Column(each["dtype"], checks, nullable=each["nullable"], required=not each["optional"])
+
+        return pa.DataFrameSchema(
+            {name: declare(each) for name, each in self.columns.items()}, strict=True, ordered=True
+        )
+
     def check(self, frame: pd.DataFrame, where: str) -> pd.DataFrame:
         """Return `frame` if it keeps the contract.
 
@@ -121,7 +136,12 @@ class Table:
         if frame.empty:
             checked = frame.astype({name: _dtype(each) for name, each in present.items()})
         elif not all(_obeys(frame[name], each) for name, each in present.items()):
-            checked = self._ask_pandera(frame, where)
+            from pandera.errors import SchemaErrors  # slow to import, and most frames surely keep their contract
+
+            try:
+                checked = self.schema.validate(frame, lazy=True)
+            except SchemaErrors as errors:
+                raise TableError(f"table {self.name} ({where}): {_describe(errors.failure_cases)}") from None
         for name in [each for each, dtype in checked.dtypes.items() if dtype.kind == "O" and dtype != TEXT]:
             try:
                 checked = checked.assign(**{str(name): checked[name].astype(TEXT)})
@@ -131,22 +151,6 @@ class Table:
             row = int(checked.duplicated(list(self.key)).to_numpy().argmax())
             values = ", ".join(f"{name} {_show(checked[name].iloc[row])}" for name in self.key)
             raise TableError(f"table {self.name} ({where}): row {row} repeats the key ({values})")
-        return checked
-
-    def _ask_pandera(self, frame: pd.DataFrame, where: str) -> pd.DataFrame:
-        """Return `frame` if pandera takes it for what is declared; a TableError has its words."""
-        import pandera.pandas as pa  # slow to import, and most tables surely keep their contract
-
-        def declare(each: Column) -> pa.Column:
-            limits = ((pa.Check.ge, each["low"]), (pa.Check.le, each["high"]), (pa.Check.isin, each["among"]))
-            checks = [check(limit) for check, limit in limits if limit is not None]
-            return pa.Column(each["dtype"], checks, nullable=each["nullable"], required=not each["optional"])
-
-        columns = {name: declare(each) for name, each in self.columns.items()}
-        try:
-            checked: pd.DataFrame = pa.DataFrameSchema(columns, strict=True, ordered=True).validate(frame, lazy=True)
-        except pa.errors.SchemaErrors as errors:
-            raise TableError(f"table {self.name} ({where}): {_describe(errors.failure_cases)}") from None
         return checked
 
     def select(self, frame: pd.DataFrame) -> pd.DataFrame:
@@ -176,8 +180,8 @@ class Table:
 
     def show(self, frame: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
         """Return a frame as it is to be read, ratios that are so declared in per cent, and the units of its columns."""
-        shown = {name: each for name, each in self.columns.items() if name in frame.columns}
-        units = {name: "%" if each["percent"] else each["unit"] for name, each in shown.items()}
+        shown = [(name, each) for name, each in self.columns.items() if name in frame.columns]
+        units = {name: "%" if each["percent"] else each["unit"] for name, each in shown}
         return show_percent(frame, units), units
 
     def describe(self) -> list[tuple[str, str, str]]:

@@ -172,8 +172,14 @@ def _end_with_parent(pid: int) -> None:
 
 
 def _warm_up(study: Study, stages: list[Stage]) -> None:
-    """Do once in this process what each job would do again: ledgers, sources, templates and git are then read."""
+    """Do once in this process what each job would do again: ledgers, sources, templates and git are then read.
+
+    Contracts are then in pandera's form, too.
+    """
     with suppress(PipelineError):  # which the job itself will tell
         make_plan(study, stages, list_ledgers(study.settings.outputs))
+    for each in stages:
+        for table in each.writes:
+            _ = table.schema
     read_templates()
     look_at_checkout()
