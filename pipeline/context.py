@@ -91,9 +91,8 @@ class Record:
             raise TableError(f"a part may have tables {', '.join(self.tables)}; got {', '.join(frames)}")
         contents = {}
         for table in self.tables.values():
-            required = [name for name, each in table.columns.items() if not each["optional"]]
-            rows = frames.get(table.name, pd.DataFrame(columns=required))
-            contents[f"{table.name}.parquet"] = table.encode(rows)
+            rows = frames.get(table.name)
+            contents[f"{table.name}.parquet"] = table.empty if rows is None else table.encode(rows)
         write_folder(place, contents)  # which a worker of an earlier process may have written too
         if name in self.journals:
             self.journals.pop(name).discard()
