@@ -88,6 +88,13 @@ def test_a_delay_is_found_to_a_fraction_of_a_sample_and_noise_moves_it_little(se
     assert find_delay(shown, noisy, RATE_HZ, 1.0) == pytest.approx(delay_s, abs=0.02)
 
 
+@pytest.mark.parametrize(("high", "scale"), [(0.0, 1.0), (1e5, 1.0), (0.0, 1e-60)])
+def test_a_step_is_found_to_be_late_high_up_and_however_small(high, scale):
+    time_s = np.arange(800) / RATE_HZ
+    shown, followed = (high + scale * (time_s >= at_s) for at_s in (6.0, 6.25))
+    assert find_delay(shown, followed, RATE_HZ, 1.0) == pytest.approx(0.25, abs=0.003)
+
+
 def test_what_does_not_follow_has_no_delay(generator):
     time_s = np.arange(800) / RATE_HZ
     shown = wander(generator, time_s)
