@@ -239,14 +239,18 @@ class Context:
 
     def figure(self, name: str, figure: Figure, caption: str) -> None:
         """Keep a matplotlib figure, with the caption that the report prints beside the PNG."""
+        from matplotlib.backend_bases import get_registered_canvas_class  # slow to import
+
         figure.set_dpi(DOTS_PER_INCH)
         layout = figure.get_layout_engine()
         if layout is not None and self.formats:
             layout.execute(figure)
-            figure.set_layout_engine("none")  # every format has this layout, and is drawn once
+            figure.set_layout_engine("none")  # every format has this layout
         for suffix in self.formats:
             path = self.folder / "figures" / f"{name}.{suffix}"
-            write_atomically(path, partial(figure.savefig, dpi=DOTS_PER_INCH, metadata=UNDATED[suffix]), final=True)
+            figure.set_dpi(DOTS_PER_INCH)  # which a format may have changed
+            draw = getattr(get_registered_canvas_class(suffix)(figure), f"print_{suffix}")  # savefig draws twice
+            write_atomically(path, partial(draw, metadata=UNDATED[suffix]), final=True)
             self._note(path, kind="figure", caption=caption)
         figure.clear()
 
