@@ -6,7 +6,7 @@ In: `bank` (a test set, with force), `hyperprior`, `scaling`, `models`, `points`
 This stage only reads: it chooses and measures nothing.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from itertools import product
 from typing import Annotated, Any
 
@@ -19,12 +19,13 @@ from pipeline.stage import stage
 from pipeline.table import Table, column, sentences
 from stages.science.figures.canvas import spell_arm
 from stages.science.figures.learning_curves import MOST_BARS, draw_learning_curves
+from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, ENDED, average_muscles, carry_forward
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.muscle_models.samples import gather_tests, keep_wanted
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import Array
+from stages.science.signals.scaling import Array, Scaling
 from stages.science.statistics.paired import compare_pairs
 from stages.science.statistics.verdicts import LEVEL, judge_differences
 
@@ -229,14 +230,24 @@ def measure_errors(
     points: pd.DataFrame,
 ) -> list[tuple[Any, ...]]:
     """Return the rows of `learning_curve` of one muscle in one experiment, in all arms and after all trials."""
-    rows = []
     points_of: dict[Any, pd.DataFrame] = dict(list(points.groupby("arm", sort=False)))
+    found: dict[bytes, list[tuple[Any, ...]]] = {}
+    rows: list[tuple[Any, ...]] = []
     for (arm, trial), model in models.groupby(["arm", "trial"], sort=False):
         gp = recorded.rebuild(model, points_of[arm])
-        for tested_on, (inputs, force_n) in tests.items():
-            rate = error_rate(recorded.scaling.restore_force(gp.predict_mean(inputs)), force_n)
-            rows.append((participant, experiment, arm, trial, tested_on, muscle, rate * float(force_n.max()), rate))
+        if gp.identity not in found:  # arms share the model of the initial data
+            found[gp.identity] = list(measure_forces(gp, muscle, recorded.scaling, tests))
+        rows += [(participant, experiment, arm, trial, *told) for told in found[gp.identity]]
     return rows
+
+
+def measure_forces(
+    gp: MarginalGP, muscle: str, scaling: Scaling, tests: Mapping[str, tuple[Array, Array]]
+) -> Iterator[tuple[Any, ...]]:
+    """Yield the rows of `learning_curve` of one model, from the test set on."""
+    for tested_on, (inputs, force_n) in tests.items():
+        rate = error_rate(scaling.restore_force(gp.predict_mean(inputs)), force_n)
+        yield tested_on, muscle, rate * float(force_n.max()), rate
 
 
 def keep_common(curve: pd.DataFrame, arms: int) -> pd.DataFrame:

@@ -401,10 +401,9 @@ def measure_coverage(
     rows: list[tuple[Any, ...]] = []
     for (arm, trial), model in models.groupby(["arm", "trial"], sort=False):
         gp = recorded.rebuild(model, points_of[arm])
-        same = gp.theta.tobytes() + gp.inputs.tobytes() + gp.posterior.outputs.tobytes()
-        if same not in found:  # arms share the model of the initial data
-            found[same] = list(cover_forces(gp, muscle, recorded.scaling, tests))
-        rows += [(participant, experiment, arm, trial, *told) for told in found[same]]
+        if gp.identity not in found:  # arms share the model of the initial data
+            found[gp.identity] = list(cover_forces(gp, muscle, recorded.scaling, tests))
+        rows += [(participant, experiment, arm, trial, *told) for told in found[gp.identity]]
     return rows
 
 

@@ -39,6 +39,11 @@ class MarginalGP(MarginalModel):
         """(N, D) standardised inputs."""
         return self.posterior.inputs
 
+    @property
+    def identity(self) -> bytes:
+        """What models of the same data at the same theta have in common, which predict the same under one prior."""
+        return self.theta.tobytes() + self.inputs.tobytes() + self.posterior.outputs.tobytes()
+
     @cached_property
     def _factor(self) -> Factor:
         return self.posterior.factor(self.theta)
