@@ -20,7 +20,7 @@ def draw_selection(inputs: pd.DataFrame) -> Figure:
         )
     axes.set_yticks(names, names)
     axes.invert_yaxis()
-    axes.set_xlabel("log evidence for it (nats)")
+    axes.set_xlabel("log evidence for this decision (nats)")
     axes.grid(alpha=0.25, axis="x")
     axes.legend(frameon=False, fontsize=9)
     return figure
