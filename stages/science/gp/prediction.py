@@ -22,8 +22,9 @@ from stages.science.gp.factor import Factor
 from stages.science.gp.kernel import Array
 from stages.science.gp.posterior import LogPosterior
 
-LARGEST_CHUNK = 1024
-"""Points at a time: working memory then stays in the processor's cache at the sizes of this method."""
+LARGEST_CHUNK = 1008
+"""Points at a time: working memory then stays in the processor's cache at the sizes of this method, and rows begin in
+other sets of it, as they would not with a power of two."""
 
 
 @dataclass(frozen=True)
