@@ -574,7 +574,7 @@ class Loop:
         columns = {"expected_error": forecast.median, "expected_low": low, "expected_high": high}
         if section.until.gain_percent is not None:
             chosen = self.arm != "random" and trial < section.trials
-            following = told.ask(self.ctx.generator("random")) if chosen else None
+            following = told.ask(self.ctx.generator("random"), score_all=False) if chosen else None
             columns["expected_next"] = np.nan if following is None else forecast.after(told.foresee(following))
         return columns
 

@@ -7,6 +7,7 @@ from hydra import compose, initialize_config_dir
 
 from stages.science.gp.hyperprior import Hyperprior
 from stages.science.gp.integrated_variance import INTEGRATED_VARIANCE
+from stages.science.gp.leaders import score_leaders
 from stages.science.gp.marginal import MarginalGP, fit
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.task_utilities import task_utility
@@ -88,6 +89,11 @@ class Problem:
 
     def score(self, models):
         return trajectory_utility(models, self.candidates, self.design.utility, memory_mb=self.design.memory_mb)
+
+    def choose_leader(self):
+        """Choose by the paper's utility, with scores of those trajectories alone that a bound does not exclude."""
+        models, every = self.renew_models(), np.arange(len(self.candidates[0]))
+        return score_leaders(models, self.candidates, every, self.design.memory_mb).argmax()
 
     def iterate(self):
         return self.score(self.fit_again())

@@ -48,6 +48,11 @@ def test_fit_against_the_floor(problem, against, tell):
     tell(f"fit alone / floor, N = {size(problem)}", ratio)
 
 
+def test_choice_against_the_floor(problem, against, tell):
+    ratio = against(problem.choose_leader, problem.floor, ROUNDS)
+    tell(f"choice by a bound and few scores / floor, N = {size(problem)}", ratio)
+
+
 def fit_and_predict(problem, starts):
     for x, y, points in zip(problem.inputs, problem.outputs, problem.points, strict=True):
         fit_scikit_learn(x, y, starts).predict(points, return_std=True)

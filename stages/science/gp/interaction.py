@@ -16,6 +16,7 @@ from numpy.typing import NDArray
 from stages.science.gp.integrated_variance import TaskVariance
 from stages.science.gp.kernel import Array
 from stages.science.gp.knowledge import Choice, Knowledge, Policy, check_muscles, check_trajectories
+from stages.science.gp.leaders import BOUNDED, score_leaders
 from stages.science.gp.marginal import MarginalGP, condition, fit
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.subsample import Displace, check_count, subsample
@@ -86,6 +87,11 @@ class Interaction(Knowledge):
             return super()._score(candidates)
         check_muscles(len(self.priors), self.tasks)
         return task_utility(self.models, self.tasks, *self._thin(candidates), self.design.utility)
+
+    def _score_leaders(self, candidates: Sequence[Array], available: NDArray[np.intp]) -> Array:
+        if (self.design.utility, self.design.reduce) != (BOUNDED, "sum"):
+            return super()._score_leaders(candidates, available)
+        return score_leaders(self.models, candidates, available, self.design.memory_mb)
 
     def _thin(self, candidates: Sequence[Array]) -> tuple[list[Array], int]:
         """Return the candidates that are scored together, and how many a trial gives: as many at least are left."""

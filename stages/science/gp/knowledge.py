@@ -150,7 +150,7 @@ class Knowledge(ABC):
         used = [] if self.design.reuse_trajectories else sorted(self.used)
         return np.setdiff1d(np.arange(len(self.candidates[0])), used)
 
-    def ask(self, generator: np.random.Generator, but: Collection[int] = ()) -> Choice:
+    def ask(self, generator: np.random.Generator, but: Collection[int] = (), *, score_all: bool = True) -> Choice:
         """Choose the next trajectory.
 
         Parameters
@@ -159,6 +159,8 @@ class Knowledge(ABC):
             Drawn from by the ``random`` control alone.
         but : collection of int
             Trajectories that are not to be chosen now, beside those executed so far.
+        score_all : bool
+            Otherwise trajectories that are not the best for certain may be scored by minus infinity, in less time.
 
         Raises
         ------
@@ -174,7 +176,8 @@ class Knowledge(ABC):
         if self.design.utility == "random":
             return Choice(int(generator.choice(available)), None)
         found = self._find_sources()
-        scores = self._score(self.exchange(found))
+        candidates = self.exchange(found)
+        scores = self._score(candidates) if score_all else self._score_leaders(candidates, available)
         scores[~np.isin(np.arange(len(scores)), available)] = -np.inf
         best = int(np.argmax(scores))
         return Choice(best, scores, tuple(int(each[best]) for each in found))
@@ -236,6 +239,10 @@ class Knowledge(ABC):
         """Return the utility of every trajectory of the bank, (R,)."""
         design = self.design
         return trajectory_utility(self.models, candidates, design.utility, design.reduce, design.memory_mb, self.stride)
+
+    def _score_leaders(self, candidates: Sequence[Array], available: NDArray[np.intp]) -> Array:
+        """Return the utility, (R,), of those available trajectories at least that may be the best."""
+        return self._score(candidates)
 
 
 def check_muscles(expected: int, *each: Sequence[object]) -> None:

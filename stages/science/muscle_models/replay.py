@@ -133,7 +133,7 @@ class Replay:
         known = Interaction.begin(design, self.muscles.candidates, priors, inputs, outputs, initial, starts(0))
         yield known
         for trial in range(1, trials + 1):
-            chosen = known.ask(generator("random", trial)).trajectory
+            chosen = known.ask(generator("random", trial), score_all=False).trajectory
             recorded = [each[chosen] for each in self.inputs], [each[chosen] for each in self.outputs]
             ways = [shift(trial, name) for name in self.muscles.names] if amplitude_s else None
             known, _ = known.tell(chosen, *recorded, starts(trial), ways)
