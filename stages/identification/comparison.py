@@ -193,10 +193,9 @@ def comparison(
         "initial data, the same for every arm"
     )
     mean = summary[summary["muscle"] == ALL_MUSCLES]
-    titles = {name: f"tested on {DESCRIBED[name]}" for name in shown}
     ctx.figure(
         "learning_curve",
-        draw_learning_curves(mean.assign(muscle=mean["tested_on"]), arms, shown, titles=titles),
+        draw_learning_curves(mean.assign(muscle=mean["tested_on"]), arms, shown),
         f"{caption}; average of the muscles.{told}",
     )
     its = summary[summary["tested_on"] == shown[0]]

@@ -7,9 +7,8 @@ import numpy as np
 import pandas as pd
 
 from stages.science.figures.canvas import COLOURS, Figure, new_figure
-from stages.science.figures.learning_curves import AVERAGE, MARKERS
+from stages.science.figures.learning_curves import AVERAGE, MARKERS, TITLES
 
-TITLES = {"task": "tested on the task", "bank": "tested on the bank", "unseen_bank": "tested on an unseen bank"}
 LABELS = {"gaussian_process": "Gaussian_process"}
 INK = "#2b2b2b"
 

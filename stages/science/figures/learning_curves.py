@@ -1,6 +1,6 @@
 """Error rates of each muscle and of their average: over trials, and in the end for each way of identifying."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from itertools import cycle
 from typing import Any
 
@@ -15,7 +15,7 @@ MOST_BARS = 4
 MARKERS = ("o", "s", "^", "D", "v", "P", "X")
 BARS = (("#c1272d", ""), ("#6b7480", ""), ("#3b6fb6", "//"), ("#ffffff", "\\\\"), ("#e0b45c", "..."))
 INK = "#2b2b2b"
-TITLES = {"bank": "tested on the bank", "unseen_bank": "tested on an unseen bank"}
+TITLES = {"task": "tested on the task", "bank": "tested on the bank", "unseen_bank": "tested on an unseen bank"}
 
 
 def draw_learning_curves(
@@ -27,7 +27,6 @@ def draw_learning_curves(
     styles: Sequence[str] = ("-",),
     apart: float = 0.09,
     cut: bool = False,
-    titles: Mapping[str, str] | None = None,
 ) -> Figure:
     """Draw the mean of the error rate over trials, and its SD: of every line, or of the first one of many.
 
@@ -36,17 +35,15 @@ def draw_learning_curves(
     summary : DataFrame
         Columns trial, muscle, error_rate_mean, error_rate_sd and the one named by `by`, of which `title` tells.
     lines, panels, styles : sequence of str
-        Values of that column and of the muscle column, a line and a panel each; line styles, taken in turn.
+        Values of that column and of the muscle column (or test sets), a line and a panel each; line styles, in turn.
     apart : float
         Horizontal distance of the lines' points (trials).
     cut : bool
         Whether the panels end above the highest mean, so that large SDs do not flatten the means.
-    titles : mapping of str to str, optional
-        What panels are called that are no muscles.
     """
     from matplotlib.ticker import MaxNLocator
 
-    names = {AVERAGE: "average of the muscles", **(titles or {})}
+    names = {AVERAGE: "average of the muscles", **TITLES}
     taken = {ARMS.get(line) for line in lines}
     spare = cycle([each for each in COLOURS if each not in taken])
     colours = {line: ARMS.get(line) or next(spare) for line in lines}
