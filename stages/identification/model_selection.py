@@ -7,12 +7,12 @@ nothing, and trials that were chosen stay.
 """
 
 from collections.abc import Mapping
-from typing import Annotated, ClassVar, Self
+from typing import Annotated
 
 import pandas as pd
-from pydantic import Field, PositiveFloat, PositiveInt, model_validator
+from pydantic import Field, PositiveFloat, PositiveInt
 
-from pipeline.config import Section, View
+from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column, sentences
@@ -24,9 +24,10 @@ from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points
 from stages.science.recording.datasets import join_executed
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import MODEL_OUTPUT
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
 WHO = ["participant", "experiment"]
+SIGNALS = ["muscle", "time_s", *MODEL_INPUTS]
 WORDS = {"task": "the task", "bank": "the bank", "unseen_bank": "movements that nothing else saw"}
 SELECTED_INPUTS = Table(
     "selected_inputs",
@@ -87,25 +88,8 @@ class SelectionSettings(Section):
     log_length_variance: PositiveFloat
 
 
-class MeasuredStay(View):
-    """What is measured now is among the inputs: selection leaves it in."""
-
-    model: ModelSettings
-
-    @model_validator(mode="after")
-    def _keep_measured(self) -> Self:
-        lacking = [name for name, each in FEATURES.items() if each.follow is None and name not in self.model.inputs]
-        if lacking:
-            raise ValueError(
-                f"model.inputs: expected {', '.join(lacking)} among them, as selection adds memories alone"
-            )
-        return self
-
-
 class Config(Section):
     """What this stage reads."""
-
-    checks: ClassVar = (MeasuredStay,)
 
     model_selection: SelectionSettings
     model: ModelSettings
@@ -139,10 +123,11 @@ def model_selection(
     rows = {(str(key[0]), int(str(key[1])), str(key[2])): its["row"].to_numpy() for key, its in keyed}
     recorded = {str(name): RecordedModels.read(hyperprior, scaling, name) for name in hyperprior["muscle"].unique()}
     length = settings.log_length_mean, settings.log_length_variance
-    evidence = Evidence(cfg.model, bank, candidates["time_s"].unique(), executed, rows, recorded, length)
+    along, trials = bank[["trajectory", *SIGNALS]], executed[["trial", *SIGNALS, MODEL_OUTPUT]]
+    evidence = Evidence(cfg.model, along, candidates["time_s"].unique(), trials, rows, recorded, length)
     search = settings.spread_octaves, settings.steps_octaves, ctx.generator("starts")
     with ctx.progress("choices of inputs and constants", 4 * len(FEATURES)) as advance:
-        found = select_model(evidence, *search, lambda each: advance(f"{len(each.inputs)} inputs"))
+        found = select_model(evidence, *search, lambda each: advance(f"{len(each.inputs)} inputs"), ctx.spread)
     errors = compare_errors(cfg.model, found, {"task": task_movements, "bank": bank, "unseen_bank": unseen_bank})
     constants, inputs = tabulate_constants(cfg.model, found), tabulate_inputs(found)
     tried = [

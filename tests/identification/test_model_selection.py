@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from tests.studies import assert_refused, read_stages, run_stage
+from tests.studies import read_stages, run_stage
 
 CHAIN = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "model_selection", "comparison"]
 WRONG = (
@@ -44,12 +44,3 @@ def test_what_is_tried_and_found_is_told_with_what_to_type(found):
     sentences = found["selection_findings"]["sentence"]
     assert "also contraction_stop" in sentences[0]
     assert f"model.inputs=[{best['inputs']}]" in sentences[1]
-
-
-def test_a_model_that_lacks_what_is_measured_is_refused():
-    assert_refused(
-        CHAIN,
-        "model.inputs: expected contraction_velocity among them, as selection adds memories alone",
-        "experiment=designed",
-        "model.inputs=[pressure,contraction,contraction_highpass]",
-    )

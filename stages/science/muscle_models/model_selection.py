@@ -5,7 +5,7 @@ choice that is tried, and its score: the sum of their log evidence. A machine's 
 that all points of all muscles speak for one choice.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -74,6 +74,11 @@ class Fitted:
         return float(self.model.log_posterior + 0.5 * spread)
 
 
+Models = dict[Key, Fitted]
+Job = tuple["Evidence", Choice, Models, np.random.Generator]
+Spread = Callable[[Callable[[Job], Models], Sequence[Job]], Iterable[Models]]
+
+
 @dataclass(frozen=True)
 class Evidence:
     """What a model is chosen by.
@@ -91,7 +96,7 @@ class Evidence:
     recorded: Mapping[str, RecordedModels]
     log_length: tuple[float, float]
 
-    def fit(self, choice: Choice, near: Mapping[Key, Fitted], generator: np.random.Generator) -> dict[Key, Fitted]:
+    def fit(self, choice: Choice, near: Mapping[Key, Fitted], generator: np.random.Generator) -> Models:
         """Return all models of a choice; each search begins at the hyperprior's mean and where the model `near` is."""
         model = choice.apply(self.model)
         bank = leave_out_lead_in(model.extend(self.bank, ["trajectory"]))
@@ -157,6 +162,7 @@ def select_model(
     steps_octaves: Sequence[float],
     generator: np.random.Generator,
     told: Callable[[Choice], None] = lambda choice: None,
+    spread: Spread = map,
 ) -> Selected:
     """Return the inputs and constants for which there is most evidence.
 
@@ -175,26 +181,25 @@ def select_model(
     generator : Generator
         Of the searches for maxima, which draw no starts.
     told : callable
-        Gets each choice before it is tried.
+        Gets each choice when it has been tried.
+    spread : callable
+        Calls a function with each of several jobs, in order, as `map` does.
     """
     here = Choice(tuple(name for name in FEATURES if name in evidence.model.inputs), (0.0,) * len(CONSTANTS))
     scores: dict[Choice, float] = {}
-    assumed: dict[Key, Fitted] = {}
-    best: dict[Key, Fitted] = {}
+    assumed: Models = {}
+    best: Models = {}
 
     def look(choices: Sequence[Choice]) -> bool:
         nonlocal here, best, assumed
-        begun = here
-        for choice in choices:
-            if choice in scores:
-                continue
-            told(choice)
-            models = evidence.fit(choice, best, generator)
+        begun, new = here, [each for each in choices if each not in scores]
+        for choice, models in zip(new, spread(_fit, [(evidence, each, best, generator) for each in new]), strict=True):
             prior = -0.5 * sum((each / spread_octaves) ** 2 for each in choice.octaves)
             scores[choice] = sum(each.log_evidence for each in models.values()) + prior
             assumed = assumed or models
             if scores[choice] >= max(scores.values()):
                 here, best = choice, models
+            told(choice)
         return here != begun
 
     look([here])
@@ -202,3 +207,8 @@ def select_model(
         while look([*here.list_moves(step)]) or look([each for _, each in here.list_toggles()]):
             pass
     return Selected(here, scores, assumed, best)
+
+
+def _fit(job: Job) -> Models:
+    evidence, choice, near, generator = job
+    return evidence.fit(choice, near, generator)
