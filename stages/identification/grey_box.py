@@ -32,7 +32,7 @@ from stages.science.muscle_models.samples import gather_tests, keep_wanted, loca
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.measured_motion import simulate_force
 from stages.science.plant.plant import Plant
-from stages.science.recording.datasets import join_executed
+from stages.science.signals.executed_trials import join_executed
 from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import MODEL_OUTPUT, Array
 from stages.science.statistics.intervals import Coverage, cover_blocks

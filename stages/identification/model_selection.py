@@ -22,7 +22,7 @@ from stages.science.muscle_models.inputs import FEATURES, ModelSettings
 from stages.science.muscle_models.model_selection import CONSTANTS, Evidence, Fitted, Selected, select_model
 from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points
-from stages.science.recording.datasets import join_executed
+from stages.science.signals.executed_trials import join_executed
 from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 

@@ -22,14 +22,17 @@ from tests.faults import find_parts, tables_of, wait_until
 from tests.studies import read_stages, run_stage
 
 BEFORE = ["bank", "subsampling", "hyperprior", "task", "hardware"]
-STAGES = [*BEFORE, "active_loop", "comparison", "participant_differences", "tracking_delay"]
+STAGES = [*BEFORE, "active_loop", "model_selection", "comparison", "participant_differences", "tracking_delay"]
 FEATURES = ["contraction_stop_narrow", "contraction_stop", "contraction_stop_wide", "contraction_highpass"]
 TABLES = """
 bank candidates references initial_trials hyperprior scaling task task_movements
 hardware_recordings protocol_recordings executed_by
 trials active_recordings models points decisions learning_curve learning_summary final_errors paired_comparison
 participant_comparison tracking_delays learning_findings advice
+selected_inputs selected_constants models_tried selection_errors selection_findings
 """
+
+FIGURES = "expected_error learning_curve learning_curve_muscles model_selection participants selected_interactions"
 
 
 @pytest.fixture
@@ -56,13 +59,13 @@ def test_runs_every_stage_and_leaves_every_table(shared_run, run):
     assert list(origins(run)) == STAGES
     assert {path.stem for path in (run / "tables").glob("*.parquet")} == set(TABLES.split())
     figures = product(
-        ("expected_error", "learning_curve", "learning_curve_muscles", "participants", "selected_interactions"),
+        FIGURES.split(),
         ("png", "pdf"),
     )
     assert {path.name for path in (run / "figures").iterdir()} == {".".join(each) for each in figures}
     assert "Error rate before and after" in (shared_run.outputs.parent / "printed.txt").read_text()
     page = (run / "report.html").read_text()
-    assert page.count("data:image/png;base64,") == 5
+    assert page.count("data:image/png;base64,") == 6
     assert 'src="http' not in page
 
 

@@ -82,8 +82,9 @@ def test_reliability_is_the_agreement_of_two_estimates(generator):
 
 def test_utilities_are_checked_on_the_models_of_a_run(shared_run, tmp_path):
     command = shared_run.copy(tmp_path / "outputs")
-    stages = "bank,subsampling,hyperprior,task,hardware,active_loop,comparison,participant_differences,tracking_delay"
-    result = command("+utility_check=default", f"workflow.stages=[{stages},utility_check]", "stages=[utility_check]")
+    stages = "bank,subsampling,hyperprior,task,hardware,active_loop,model_selection,comparison,participant_differences,"
+    stages += "tracking_delay,utility_check"
+    result = command("+utility_check=default", f"workflow.stages=[{stages}]", "stages=[utility_check]")
     assert result.returncode == 0, result.stderr
     told = pd.read_parquet(command.runs[-1] / "tables" / "utility_agreement.parquet")
     assert (told.groupby(["experiment", "trial", "target"])["utility"].agg(set) == {*CHOICES}).all()

@@ -42,7 +42,7 @@ def list_stale(monkeypatch, file, overrides):
     [
         ("stages/science/recording/files/delimited.py", HIDDEN, {"measurement"}),
         ("stages/science/recording/files/delimited.py", PAPER, set()),
-        ("stages/science/recording/dates.py", PAPER, set()),
+        ("stages/science/recording/dates.py", MAIN, set()),
         ("stages/science/effects/hysteresis.py", PAPER, DRIVING),
         ("stages/science/effects/hysteresis.py", (*PAPER, "plant=nominal"), set()),
         ("stages/science/effects/cable_slack.py", PAPER, set()),

@@ -16,9 +16,10 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.recording.assembly import Notes, choose_muscles, complete, note_missing, read_parts
 from stages.science.recording.blocks import PROPOSED, WHOLE
 from stages.science.recording.clock import find_rate, regularise
-from stages.science.recording.datasets import SESSION_COLUMNS, find_starts, join_executed, list_trials
+from stages.science.recording.datasets import SESSION_COLUMNS, find_starts, list_trials
 from stages.science.recording.measured_tables import MeasuredTables
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles
+from stages.science.signals.executed_trials import join_executed
 
 SAMPLE_KEY = ("trial", "muscle", "time_s")
 READINGS = (
