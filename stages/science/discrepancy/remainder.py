@@ -80,11 +80,10 @@ def weigh_remainder(
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else np.nan
         explained = {STATIC_MAP: by_map, MEMORY: told * _share_of_memory(found.rounds[-1], settings.certain)}
-        remembered = MEMORY if any(state.leftover.linear_memory for state in states) else ""
-        family = next((each for each, its in explained.items() if its > 0.5 * told), remembered)
-        share_told = explained[family] if explained.get(family, 0.0) > 0.5 * told else told
+        most = next((each for each, its in explained.items() if its > 0.5 * told), "")
+        family = most or (MEMORY if any(state.leftover.linear_memory for state in states) else "")
         doubt = max(left, settings.ambiguous_weight * ambiguous)
-        remainders[channel] = Remainder(share_told, sure, ambiguous, line_hz, family, doubt)
+        remainders[channel] = Remainder(explained.get(most, told), sure, ambiguous, line_hz, family, doubt)
     return remainders
 
 
