@@ -5,16 +5,16 @@ Exact models and candidates flow in; scores flow out, minus infinity where a tra
 With K = sum_j lam_j q_j q_j', s^2 the noise and h_j = q_j'k / sqrt(lam_j + s^2), let r eigenvectors be kept, rho =
 lam / (lam + s^2) of the first that is not, and R = sf^2 - sum_j<=r h_j^2 (lam_j + s^2) / lam_j. As sum_j (q_j'k)^2 /
 lam_j <= sf^2 over all j (the variance given f itself at the data is not negative), the rest of any sum of w_j
-(q_j'k)^2 / lam_j is at most R max_j>r w_j. Hence, with U = sf^2 - sum_j<=r h_j^2:
+(q_j'k)^2 / lam_j is at most R max_j>r w_j. Hence, with U = sf^2 - sum_j<=r h_j^2::
 
     V is in [U - rho R, U], and s^2 b'b exceeds its first r terms by at most R rho (1 - rho)
     dV/dlog l_d = -2 |y_d|^2 with y_d = (M_d - x*_d) h, M_d = (Lam + s^2)^1/2 Q' diag(x_d) Q (Lam + s^2)^-1/2
     the rest changes |y_d| by at most sqrt(R) (|M_d diag(rho)^1/2 of the rest| + |x*_d| sqrt(rho))
 
 (x in units of the lengths; y_d is C^1/2 (b o (x - x*)) in the eigenvectors, as long as the L' (b o (x - x*)) of
-`prediction`; rho (1 - rho) grows with rho < 1/2). The mean's slopes are linear in k, and exact. With S = T T', |T' dV|
-changes by at most sum_i S_ii^1/2 |change of dV_i|, which bounds q = |T' dm|^2 + |T' dV|^2 / (3 V) from above, and
+`prediction`; rho (1 - rho) grows with rho < 1/2). The mean's slopes are linear in k, and exact. With S = T T'::
 
+    |T' dV| changes by at most sum_i S_ii^1/2 |change of dV_i|: a bound of q = |T' dm|^2 + |T' dV|^2 / (3 V) from above
     exp(2 y_y) = 4/3 + (q - s^2 / 3) / (V + s^2)
 
 is monotonic in V: the end of V's interval that the sign of q - s^2 / 3 tells gives the bound. The truncation is that of
