@@ -24,7 +24,7 @@ from pipeline.table import Table, column, sentences
 from stages.science.discrepancy.amendment import amend_plant
 from stages.science.discrepancy.patch import read_patches
 from stages.science.figures.grey_box import draw_rungs
-from stages.science.muscle_models.error_rates import ALL_MUSCLES, add_average
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, TEST_WORDS, add_average
 from stages.science.muscle_models.grey_box import GreyBox, Interval, predict_interval
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import RecordedModels
@@ -49,7 +49,6 @@ DESCRIBED = {
     GREY_BOX: "of what the amended plant leaves, on the same points",
 }
 PLANTS = (NOMINAL, AMENDED)
-WORDS = {"task": "the task", "bank": "the bank", "unseen_bank": "movements that nothing else saw"}
 WHO = ["participant", "experiment"]
 
 EXPERIMENT = {
@@ -293,14 +292,14 @@ def describe_rungs(summary: pd.DataFrame, tests: Sequence[str]) -> list[str]:
     rates = {name: f"{100 * first[name]:.2g} %" for name in RUNGS}
     told = [
         f"Models on the amended plant (grey box) err by {rates[GREY_BOX]} of the largest force on "
-        f"{WORDS[first['tested_on']]} (mean of {first['experiments']} experiment{'s' * (first['experiments'] > 1)}); "
-        f"the designed trials' models alone (Gaussian process) err by {rates[PROCESS]}, the amended plant alone by "
+        f"{TEST_WORDS[first['tested_on']]} (mean of {first['experiments']} "
+        f"experiment{'s' * (first['experiments'] > 1)}); the designed trials' models alone (Gaussian process) err by {rates[PROCESS]}, the amended plant alone by "
         f"{rates[AMENDED]}, the plant as it was before the search by {rates[NOMINAL]}."
     ]
-    where = [f"{100 * row[GREY_BOX]:.2g} % on {WORDS[row['tested_on']]}" for row in others]
+    where = [f"{100 * row[GREY_BOX]:.2g} % on {TEST_WORDS[row['tested_on']]}" for row in others]
     held = [f"{100 * row['grey_box_covered']:.0f} %" for row in (first, *others)]
     held[0] += " of the measured forces"
-    places = [WORDS[row["tested_on"]] for row in (first, *others)]
+    places = [TEST_WORDS[row["tested_on"]] for row in (first, *others)]
     covered = ", ".join(f"{share} on {place}" for share, place in zip(held, places, strict=True))
     told += [f"They err by {' and by '.join(where)}."] if where else []
     return [*told, f"Their 95 % intervals hold {covered}."]

@@ -17,7 +17,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column, sentences
 from stages.science.figures.model_selection import draw_selection
-from stages.science.muscle_models.error_rates import ALL_MUSCLES, average_muscles
+from stages.science.muscle_models.error_rates import ALL_MUSCLES, TEST_WORDS, average_muscles
 from stages.science.muscle_models.inputs import FEATURES, ModelSettings
 from stages.science.muscle_models.model_selection import CONSTANTS, Evidence, Fitted, Selected, select_model
 from stages.science.muscle_models.muscle_set import RecordedModels
@@ -28,7 +28,6 @@ from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
 WHO = ["participant", "experiment"]
 SIGNALS = ["muscle", "time_s", *MODEL_INPUTS]
-WORDS = {"task": "the task", "bank": "the bank", "unseen_bank": "movements that nothing else saw"}
 SELECTED_INPUTS = Table(
     "selected_inputs",
     "An input of the models that is not measured: whether there is evidence for it",
@@ -67,7 +66,9 @@ SELECTION_ERRORS = Table(
     {
         "participant": column(str, "who tracked"),
         "experiment": column(int, "experiment of this participant", low=1),
-        "tested_on": column(str, "; ".join(f"{name}: {told}" for name, told in WORDS.items()), among=list(WORDS)),
+        "tested_on": column(
+            str, "; ".join(f"{name}: {told}" for name, told in TEST_WORDS.items()), among=list(TEST_WORDS)
+        ),
         "muscle": column(str, "muscle, or mean for the average over muscles"),
         "assumed": column(float, "RMSE of the force over the largest of the test data", percent=True, low=0),
         "selected": column(float, "the same with the selected inputs and constants", percent=True, low=0),
@@ -205,7 +206,7 @@ def describe_selection(
     changes += [f"{row['constant']} {row['selected']:.3g} instead of {row['assumed']:.3g}" for row in moved]
     mean = errors[errors["muscle"] == ALL_MUSCLES].groupby("tested_on", sort=False)[["assumed", "selected"]].mean()
     rates = [
-        f"{100 * now:.3g} % on {WORDS[str(name)]} ({100 * before:.3g} %)"
+        f"{100 * now:.3g} % on {TEST_WORDS[str(name)]} ({100 * before:.3g} %)"
         for name, before, now in mean.itertuples(name=None)
     ]
     keys = [f"model.inputs=[{','.join(found.best.inputs)}]"] if added or left else []

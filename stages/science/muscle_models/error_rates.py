@@ -17,6 +17,8 @@ from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
 
 ALL_MUSCLES = "mean"
 """What tables call the average over muscles."""
+TEST_WORDS = {"task": "the task", "bank": "the bank", "unseen_bank": "movements that nothing else saw"}
+"""Test sets in words."""
 ENDED = " Experiments that ended before keep their last error."
 """What captions say where errors were carried forward."""
 
