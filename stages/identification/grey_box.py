@@ -293,7 +293,8 @@ def describe_rungs(summary: pd.DataFrame, tests: Sequence[str]) -> list[str]:
     told = [
         f"Models on the amended plant (grey box) err by {rates[GREY_BOX]} of the largest force on "
         f"{TEST_WORDS[first['tested_on']]} (mean of {first['experiments']} "
-        f"experiment{'s' * (first['experiments'] > 1)}); the designed trials' models alone (Gaussian process) err by {rates[PROCESS]}, the amended plant alone by "
+        f"experiment{'s' * (first['experiments'] > 1)}); "
+        f"the designed trials' models alone (Gaussian process) err by {rates[PROCESS]}, the amended plant alone by "
         f"{rates[AMENDED]}, the plant as it was before the search by {rates[NOMINAL]}."
     ]
     where = [f"{100 * row[GREY_BOX]:.2g} % on {TEST_WORDS[row['tested_on']]}" for row in others]
