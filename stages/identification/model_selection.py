@@ -7,9 +7,12 @@ nothing, and trials that were chosen stay.
 """
 
 from collections.abc import Mapping
+from dataclasses import replace
 from typing import Annotated
 
+import numpy as np
 import pandas as pd
+from numpy.typing import NDArray
 from pydantic import Field, PositiveFloat, PositiveInt
 
 from pipeline.config import Section
@@ -19,7 +22,7 @@ from pipeline.table import Table, column, sentences
 from stages.science.figures.model_selection import draw_selection
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, TEST_WORDS, average_muscles
 from stages.science.muscle_models.inputs import FEATURES, ModelSettings
-from stages.science.muscle_models.model_selection import CONSTANTS, Evidence, Fitted, Selected, select_model
+from stages.science.muscle_models.model_selection import CONSTANTS, Evidence, Fitted, Key, Selected, select_model
 from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points
 from stages.science.signals.executed_trials import join_executed
@@ -83,6 +86,7 @@ class SelectionSettings(Section):
     """Config group ``model_selection``."""
 
     experiments: PositiveInt
+    points_per_trial: PositiveInt
     spread_octaves: PositiveFloat
     steps_octaves: Annotated[list[PositiveFloat], Field(min_length=1)]
     log_length_mean: float
@@ -120,15 +124,15 @@ def model_selection(
     )
     executed = join_executed(initial, designed)
     placed = locate_points(own, initial, designed, {"row": executed.index.to_numpy()})
-    keyed = placed.groupby([*WHO, "muscle"], sort=False)
-    rows = {(str(key[0]), int(str(key[1])), str(key[2])): its["row"].to_numpy() for key, its in keyed}
+    rows, few = (list_rows(each) for each in (placed, placed[placed["pick"] < settings.points_per_trial]))
     recorded = {str(name): RecordedModels.read(hyperprior, scaling, name) for name in hyperprior["muscle"].unique()}
     length = settings.log_length_mean, settings.log_length_variance
     along, trials = bank[["trajectory", *SIGNALS]], executed[["trial", *SIGNALS, MODEL_OUTPUT]]
-    evidence = Evidence(cfg.model, along, candidates["time_s"].unique(), trials, rows, recorded, length)
+    evidence = Evidence(cfg.model, along, candidates["time_s"].unique(), trials, few, recorded, length)
     search = settings.spread_octaves, settings.steps_octaves, ctx.generator("starts")
     with ctx.progress("choices of inputs and constants", 4 * len(FEATURES)) as advance:
         found = select_model(evidence, *search, lambda each: advance(f"{len(each.inputs)} inputs"), ctx.spread)
+    found = found.refit(replace(evidence, rows=rows), ctx.generator("starts"))
     errors = compare_errors(cfg.model, found, {"task": task_movements, "bank": bank, "unseen_bank": unseen_bank})
     constants, inputs = tabulate_constants(cfg.model, found), tabulate_inputs(found)
     tried = [
@@ -148,6 +152,12 @@ def model_selection(
     }
     findings = describe_selection(inputs, constants, errors, found)
     return {**told, SELECTION_FINDINGS.name: pd.DataFrame({"sentence": findings})}
+
+
+def list_rows(placed: pd.DataFrame) -> dict[Key, NDArray[np.intp]]:
+    """Return where the points of each model are among the executed trials."""
+    keyed = placed.groupby([*WHO, "muscle"], sort=False)
+    return {(str(key[0]), int(str(key[1])), str(key[2])): its["row"].to_numpy() for key, its in keyed}
 
 
 def tabulate_inputs(found: Selected) -> pd.DataFrame:

@@ -79,7 +79,7 @@ def test_three_trials_of_three_arms_from_the_same_initial_data(run):
         assert len(set(used)) == len(used)
     counts = points.groupby(["arm", "trial", "muscle"]).size().unstack("trial")
     assert (counts[0] == 10).all()
-    assert (counts[[1, 2, 3]] == 10).all().all()
+    assert (counts[[1, 2, 3]] == 20).all().all()
     start = curve[curve["trial"] == 0].pivot(index=["tested_on", "muscle"], columns="arm", values="error_rate")
     assert np.ptp(start.to_numpy(), axis=1).max() == 0
 
@@ -224,7 +224,7 @@ def test_killed_in_the_loop_continues_at_the_next_trial_with_identical_tables(ru
 
 def test_changed_key_reruns_just_the_stages_that_read_it(shared_run):
     plan = plan_of(shared_run, "active_loop.points_per_trial=1")
-    assert "run config changed (active_loop.points_per_trial 10 -> 1)" in plan["active_loop"]
+    assert "run config changed (active_loop.points_per_trial 20 -> 1)" in plan["active_loop"]
     assert [name for name in STAGES if plan[name].startswith("fresh")] == BEFORE
     assert plan["comparison"].startswith("wait")
 

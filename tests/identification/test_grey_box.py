@@ -78,7 +78,7 @@ def test_a_search_that_finds_nothing_leaves_the_nominal_plant(unchanged, designe
     summary = unchanged["grey_box_summary"]
     assert list(summary["tested_on"].unique()) == ["task", "bank"]
     pd.testing.assert_series_equal(summary["amended_plant"], summary["nominal_plant"], check_names=False)
-    assert (summary["points"] == 30).all()
+    assert (summary["points"] == 50).all()
     errors = unchanged["grey_box_errors"].set_index(["tested_on", "muscle", "rung"])["error_rate"]
     for row in summary.to_dict("records"):
         assert [row[name] for name in RATES] == pytest.approx(

@@ -1,8 +1,9 @@
 """The maximum of the log posterior: Newton's method in a trust region, from several starts.
 
-Starts are ranked by their value, the best few are climbed to a local maximum each, and the highest wins. Directions of
-positive curvature are climbed by the size of their curvature (saddle-free) and saddles are left along them, so that no
-climb ends at one. A climb that is about to repeat an earlier one is not finished.
+Starts are ranked by their value, the best few are climbed to a local maximum each, and the highest wins. Fresh starts
+are far from any maximum and get near one by gradients alone, which cost a fraction of a Hessian. Directions of positive
+curvature are climbed by the size of their curvature (saddle-free) and saddles are left along them, so that no climb
+ends at one. A climb that is about to repeat an earlier one is not finished.
 """
 
 from __future__ import annotations
@@ -21,6 +22,10 @@ CURVATURE_TOLERANCE = 1e-6
 LARGEST_STEP = 4.0
 SMALLEST_STEP = 1e-14
 CLIMBS, ITERATIONS = 4, 200
+NEAR = 1e-3
+"""Share of the log posterior that a step by gradients adds at least; where it adds less, Newton's method takes over."""
+APPROACH = 40
+"""Steps by gradients at most."""
 SAME = 0.1
 """Distance of a Newton step's end to a known maximum within which a climb counts as a repetition."""
 
@@ -94,7 +99,7 @@ def find_map(
     values = np.array([_value_or_minus_infinity(posterior, theta) for theta in fresh])
     ranked = np.argsort(-values, kind="stable")[: max(1, CLIMBS - len(warm_starts))]
     found: list[Place] = []
-    for theta in [*warm_starts, *(fresh[index] for index in ranked)]:
+    for theta in [*warm_starts, *(approach(posterior, fresh[index]) for index in ranked)]:
         maximum = climb(posterior, theta, known=[each.theta for each in found])
         if maximum is not None:
             found.append(maximum)
@@ -102,6 +107,21 @@ def find_map(
         posterior.derivatives(posterior.prior.mean)
         raise FactorisationError("no start of the search has a log posterior that can be evaluated")
     return max(found, key=lambda each: each.value)
+
+
+def approach(posterior: LogPosterior, start: Array) -> Array:
+    """Return a place near a local maximum, (P,), from a start by gradients (L-BFGS-B; Byrd et al. 1995)."""
+    from scipy.optimize import minimize  # a fifth of a second that most commands need not wait for
+
+    def descend(theta: Array) -> tuple[float, Array]:
+        try:
+            value, gradient = posterior.ascent(theta)
+        except FactorisationError:
+            return np.inf, np.zeros_like(theta)
+        return -value, -gradient
+
+    found = minimize(descend, start, jac=True, method="L-BFGS-B", options={"maxiter": APPROACH, "ftol": NEAR})
+    return np.asarray(found.x if np.isfinite(found.fun) else start)
 
 
 def climb(posterior: LogPosterior, start: Array, known: Sequence[Array] = ()) -> Place | None:

@@ -77,6 +77,27 @@ class LogPosterior:
             hessian - np.diag(self.prior.precision),
         )
 
+    def ascent(self, theta: Array) -> tuple[float, Array]:
+        """Return value and gradient (P,) of the log posterior at theta (P,), much faster than with a Hessian.
+
+        A `FactorisationError` tells what `likelihood_derivatives` tells.
+        """
+        read, d = self.read(theta), self.inputs.shape[1]
+        with np.errstate(all="ignore"):
+            covariance, factor, z, a, outer = self._weigh(read)
+            weighed = outer * covariance
+            lengths = 0.5 * (self._squares.reshape(d, -1) @ weighed.ravel()) / read.lengths**2
+            rest = [
+                weighed.sum(),
+                read.noise_variance * np.trace(outer),
+                *([a.sum()] if self.mean == "constant" else []),
+            ]
+            value = _log_likelihood(factor, z) + self.prior.log_density(theta)
+            gradient = np.append(lengths, rest) + self.prior.gradient(theta)
+        if not (np.isfinite(value) and np.isfinite(gradient).all()):
+            raise FactorisationError(f"the log posterior is not finite at theta = {np.asarray(theta).tolist()}")
+        return value, gradient
+
     def likelihood_derivatives(self, theta: Array) -> tuple[float, Array, Array]:
         """Return value, gradient (P,) and Hessian (P, P) of the log marginal likelihood at theta (P,).
 
@@ -93,20 +114,24 @@ class LogPosterior:
         noisy.flat[:: len(noisy) + 1] += read.noise_variance
         return factorise(noisy, self.inputs / read.lengths)
 
-    def _differentiate(self, read: Hyperparameters) -> tuple[float, Array, Array]:
-        n, d = self.inputs.shape
+    def _weigh(self, read: Hyperparameters) -> tuple[Array, Factor, Array, Array, Array]:
+        """Return K, the factor of C, z, a and G."""
         covariance = covariance_among(self._squares, read)
         factor = self._factorise(covariance, read)
-        inverse = factor.inverse
-        z = inverse @ (self.outputs - read.mean)
-        a = inverse.T @ z
+        z = factor.inverse @ (self.outputs - read.mean)
+        a = factor.inverse.T @ z
+        outer = np.outer(a, a)
+        outer -= factor.inverse.T @ factor.inverse
+        return covariance, factor, z, a, outer
 
+    def _differentiate(self, read: Hyperparameters) -> tuple[float, Array, Array]:
+        n, d = self.inputs.shape
+        covariance, factor, z, _, outer = self._weigh(read)
+        inverse = factor.inverse
         if self._work is None:
             self._work = np.empty((d + 2, n, n))
         whitened, slopes = self._work, self._work[:d]
         flat, squares = whitened.reshape(d + 2, -1), self._squares.reshape(d, -1)
-        outer = np.outer(a, a)
-        outer -= inverse.T @ inverse
         np.multiply(self._squares, covariance, out=slopes)
         curvature = self._curve(read, outer, flat[:d], squares, float(np.vdot(outer, covariance)))
         for slope, length in zip(slopes, read.lengths, strict=True):

@@ -7,7 +7,7 @@ that all points of all muscles speak for one choice.
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import NamedTuple
+from typing import NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -154,6 +154,11 @@ class Selected:
     def gain(self) -> float:
         """How much the best score is above that of what was assumed (nats)."""
         return self.scores[self.best] - self.scores[self.first]
+
+    def refit(self, evidence: Evidence, generator: np.random.Generator) -> Self:
+        """Return the same with both models fitted to the points of other evidence."""
+        assumed = evidence.fit(self.first, self.assumed, generator)
+        return replace(self, assumed=assumed, fitted=evidence.fit(self.best, self.fitted, generator))
 
 
 def select_model(

@@ -120,7 +120,7 @@ def test_a_theta_that_would_overflow_is_refused(entry, value, generator):
     theta[entry] = value
     posterior = LogPosterior(x, y, make_prior(mean="constant"), "constant")
     told = r"a constant mean within 1e\+50" if entry == 5 else "logarithms between -50 and 50"
-    for evaluate in (posterior.value, posterior.derivatives, posterior.factor):
+    for evaluate in (posterior.value, posterior.ascent, posterior.derivatives, posterior.factor):
         with pytest.raises(FactorisationError, match=f"theta: expected {told}"):
             evaluate(theta)
     with pytest.raises(FactorisationError, match=f"theta: expected {told}"):
