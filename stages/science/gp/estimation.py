@@ -1,9 +1,9 @@
 """The maximum of the log posterior: Newton's method in a trust region, from several starts.
 
-Starts are ranked by their value, the best few are climbed to a local maximum each, and the highest wins. Fresh starts
-are far from any maximum and get near one by gradients alone, which cost a fraction of a Hessian. Directions of positive
-curvature are climbed by the size of their curvature (saddle-free) and saddles are left along them, so that no climb
-ends at one. A climb that is about to repeat an earlier one is not finished.
+Starts are ranked by their value, the best few are climbed to a local maximum each, and the highest wins. Where there
+are many points, fresh starts get near a maximum by gradients alone, which cost a fraction of a Hessian. Directions of
+positive curvature are climbed by the size of their curvature (saddle-free) and saddles are left along them, so that no
+climb ends at one. A climb that is about to repeat an earlier one is not finished.
 """
 
 from __future__ import annotations
@@ -26,6 +26,8 @@ NEAR = 1e-3
 """Share of the log posterior that a step by gradients adds at least; where it adds less, Newton's method takes over."""
 APPROACH = 40
 """Steps by gradients at most."""
+FEW = 60
+"""Points up to which Newton's method from the start on takes no longer."""
 SAME = 0.1
 """Distance of a Newton step's end to a known maximum within which a climb counts as a repetition."""
 
@@ -99,7 +101,8 @@ def find_map(
     values = np.array([_value_or_minus_infinity(posterior, theta) for theta in fresh])
     ranked = np.argsort(-values, kind="stable")[: max(1, CLIMBS - len(warm_starts))]
     found: list[Place] = []
-    for theta in [*warm_starts, *(approach(posterior, fresh[index]) for index in ranked)]:
+    begun = [fresh[index] if posterior.outputs.size <= FEW else approach(posterior, fresh[index]) for index in ranked]
+    for theta in [*warm_starts, *begun]:
         maximum = climb(posterior, theta, known=[each.theta for each in found])
         if maximum is not None:
             found.append(maximum)
