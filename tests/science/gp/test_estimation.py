@@ -11,7 +11,9 @@ from stages.science.gp.posterior import LogPosterior
 from tests.science.gp.data import Textbook, make_data, make_prior
 
 
-@pytest.mark.parametrize(("count", "mean"), [(6, "zero"), (15, "zero"), (15, "constant"), (25, "zero"), (80, "constant")])
+@pytest.mark.parametrize(
+    ("count", "mean"), [(6, "zero"), (15, "zero"), (15, "constant"), (25, "zero"), (80, "constant")]
+)
 def test_the_search_is_never_worse_than_scipy_from_many_starts(count, mean, generator):
     x, y = make_data(generator, count)
     prior = make_prior(mean=mean, variance=1.0)
