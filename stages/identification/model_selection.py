@@ -2,8 +2,8 @@
 
 In: `points` of the design's arm, the recordings of the executed trials, `bank` and `candidates` for the inputs' scales,
 `hyperprior` and `scaling`; to test on, `task_movements`, `bank` and `unseen_bank`, whose force the evaluation alone
-reads. Out: `selected_inputs`, `selected_constants`, `models_tried`, `selection_errors`, and sentences. It measures
-nothing, and trials that were chosen stay.
+reads. Out: `selected_inputs`, `selected_constants`, `models_tried`, `selection_errors`, and in words
+`selection_findings` and `selection_advice`. It measures nothing, and trials that were chosen stay.
 """
 
 from collections.abc import Mapping
@@ -80,6 +80,7 @@ SELECTION_ERRORS = Table(
     main=("muscle", ALL_MUSCLES),
 )
 SELECTION_FINDINGS = sentences("selection_findings", "finding")
+SELECTION_ADVICE = sentences("selection_advice", "advice")
 
 
 class SelectionSettings(Section):
@@ -102,7 +103,13 @@ class Config(Section):
 
 
 @stage(
-    SELECTED_INPUTS, SELECTED_CONSTANTS, MODELS_TRIED, SELECTION_ERRORS, SELECTION_FINDINGS, stream="model_selection"
+    SELECTED_INPUTS,
+    SELECTED_CONSTANTS,
+    MODELS_TRIED,
+    SELECTION_ERRORS,
+    SELECTION_FINDINGS,
+    SELECTION_ADVICE,
+    stream="model_selection",
 )
 def model_selection(
     cfg: Config,
@@ -150,8 +157,11 @@ def model_selection(
         MODELS_TRIED.name: pd.DataFrame(tried)[list(MODELS_TRIED.columns)],
         SELECTION_ERRORS.name: errors[list(SELECTION_ERRORS.columns)],
     }
-    findings = describe_selection(inputs, constants, errors, found)
-    return {**told, SELECTION_FINDINGS.name: pd.DataFrame({"sentence": findings})}
+    said = {
+        SELECTION_FINDINGS.name: describe_selection(inputs, constants, errors, found),
+        SELECTION_ADVICE.name: advise(constants, found),
+    }
+    return {**told, **{name: pd.DataFrame({"sentence": each}, dtype=object) for name, each in said.items()}}
 
 
 def list_rows(placed: pd.DataFrame) -> dict[Key, NDArray[np.intp]]:
@@ -219,11 +229,22 @@ def describe_selection(
         f"{100 * now:.3g} % on {TEST_WORDS[str(name)]} ({100 * before:.3g} %)"
         for name, before, now in mean.itertuples(name=None)
     ]
-    keys = [f"model.inputs=[{','.join(found.best.inputs)}]"] if added or left else []
-    keys += [f"model.constants.{row['constant']}={row['selected']:.4g}" for row in moved]
     return [
         f"The designed trials are evidence for other inputs of the models: {', '.join(changes)} (log evidence "
         f"+{found.gain:.3g}). With these the models of the same trials err by {', '.join(rates)}; in brackets as they "
-        "were assumed.",
-        f"To design trials with them, add {' '.join(keys)}.",
+        "were assumed."
     ]
+
+
+def advise(constants: pd.DataFrame, found: Selected) -> list[str]:
+    """Return how to design trials with what was selected, where that is not what was assumed."""
+    keys = [] if found.best.inputs == found.first.inputs else [f"'model.inputs=[{','.join(found.best.inputs)}]'"]
+    moved = constants[constants["octaves"] != 0.0]
+    keys += [
+        f"model.constants.{name}={value:.4g}" for name, value in zip(moved["constant"], moved["selected"], strict=True)
+    ]
+    return (
+        [f"Design trials with these inputs and constants: python -m pipeline ARGUMENTS {' '.join(keys)}"]
+        if keys
+        else []
+    )

@@ -29,7 +29,7 @@ bank candidates references initial_trials hyperprior scaling task task_movements
 hardware_recordings protocol_recordings executed_by
 trials active_recordings models points decisions learning_curve learning_summary final_errors paired_comparison
 participant_comparison tracking_delays learning_findings advice
-selected_inputs selected_constants models_tried selection_errors selection_findings
+selected_inputs selected_constants models_tried selection_errors selection_findings selection_advice
 """
 
 FIGURES = "expected_error learning_curve learning_curve_muscles model_selection participants selected_interactions"

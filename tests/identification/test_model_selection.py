@@ -43,4 +43,4 @@ def test_what_is_tried_and_found_is_told_with_what_to_type(found):
     assert best["score"] > tried["score"].iloc[0] + 3.0
     sentences = found["selection_findings"]["sentence"]
     assert "also contraction_stop" in sentences[0]
-    assert f"model.inputs=[{best['inputs']}]" in sentences[1]
+    assert f"'model.inputs=[{best['inputs']}]'" in found["selection_advice"]["sentence"][0]
