@@ -79,6 +79,7 @@ class Expanded:
         self._left = np.column_stack([scaled, np.log(signal_variance) - half_norms, np.ones(n)])
         self._right = np.ones((d + 2, size))
         self._scaled = np.ascontiguousarray(scaled.T)
+        self._doubled = -2.0 * self._scaled
         self._factor, self._find_rows = factor, find_rows
         self._covariance = np.empty((n, size))
 
@@ -86,7 +87,7 @@ class Expanded:
     def _rows(self) -> Array:
         rows, corrections = self._find_rows()
         weighted = rows[0] * self._scaled
-        return np.vstack([rows, weighted, weighted * self._scaled - corrections])
+        return np.vstack([rows, -2.0 * weighted, weighted * self._scaled - corrections])
 
     @cached_property
     def _stack(self) -> Triangle:
@@ -110,14 +111,20 @@ class Expanded:
         """Return rows k, (1 + E, B), with a'k first, and the mean's slopes, (D, B); call after `covariance`."""
         d = len(points)
         linear = self._rows @ k
-        first, second = linear[-2 * d : -d], linear[-d:]
-        return linear[: -2 * d], points * (points * linear[0] - 2.0 * first) + second
+        slopes = points * linear[0]
+        slopes += linear[-2 * d : -d]
+        slopes *= points
+        slopes += linear[-d:]
+        return linear[: -2 * d], slopes
 
     def variance_spread(self, points: Array, k: Array, b: Array, norms: Array) -> Array:
         """Return |L' (b o (x - x*))|^2, (D, B); call after `covariance`; b is overwritten; norms are k'b, (B,)."""
         spread = self._stack.square(b, self._product[:, : b.shape[1]])
         np.multiply(b, k, out=b)
-        spread += points * (points * norms - 2.0 * (self._scaled @ b))
+        crossed = points * norms
+        crossed += self._doubled @ b
+        crossed *= points
+        spread += crossed
         return np.maximum(spread, 0.0, out=spread)
 
 

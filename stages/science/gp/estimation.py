@@ -34,14 +34,15 @@ SAME = 0.1
 
 @dataclass(frozen=True)
 class Place:
-    """Where a climb stands or ends: theta, (P,), the log posterior (nats), its gradient, and its Hessian's eigenvalues.
+    """Where a climb stands or ends: theta, (P,), and the log posterior (nats), its gradient and its Hessian, (P, P).
 
-    The eigenvalues, ascending, are the curvature along the (P, P) axes, in columns.
+    The Hessian's eigenvalues, ascending, are the curvature along the (P, P) axes, in columns.
     """
 
     theta: Array
     value: float
     gradient: Array
+    hessian: Array
     curvature: Array
     axes: Array
 
@@ -52,7 +53,7 @@ class Place:
             value, gradient, hessian = posterior.derivatives(theta)
         except FactorisationError:
             return None
-        return cls(theta, value, gradient, *np.linalg.eigh(hessian))
+        return cls(theta, value, gradient, hessian, *np.linalg.eigh(hessian))
 
     @property
     def gradient_norm(self) -> float:

@@ -54,16 +54,17 @@ class MarginalGP(MarginalModel):
         return self._factor.jitter
 
     @cached_property
-    def _derivatives(self) -> tuple[float, Array, Array]:
+    def derivatives(self) -> tuple[float, Array, Array]:
+        """Value (nats), gradient (P,) and Hessian (P, P) of the log posterior at theta."""
         return self.posterior.derivatives(self.theta)
 
     @property
     def log_posterior(self) -> float:
         """At theta (nats)."""
-        return self._derivatives[0]
+        return self.derivatives[0]
 
     def _curvature(self) -> Array:
-        return self._derivatives[2]
+        return self.derivatives[2]
 
     @property
     def _jitter_repair(self) -> str:
@@ -162,4 +163,7 @@ def fit(
         When rows nearly coincide and no start parts them.
     """
     posterior = LogPosterior(inputs, outputs, prior, mean)
-    return MarginalGP(posterior, find_map(posterior, generator, starts, warm_starts).theta)
+    place = find_map(posterior, generator, starts, warm_starts)
+    model = MarginalGP(posterior, place.theta)
+    model.derivatives = place.value, place.gradient, place.hessian  # not to be evaluated once more
+    return model

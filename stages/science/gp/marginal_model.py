@@ -148,13 +148,13 @@ class MarginalModel(ABC):
     def _terms(self, predictor: ChunkPredictor, chunk: Array) -> tuple[Array, PredictiveTerms]:
         moments = predictor.differentiate(chunk)
         mean, variance = (self.laplace.root.T @ each for each in (moments.mean_slope, moments.variance_slope))
-        by_mean, by_variance = (np.square(each).sum(axis=0) for each in (mean, variance))
         known = moments.variance <= predictor.floor
-        q = by_mean + np.where(known, 0.0, by_variance / (3.0 * moments.variance))
+        if known.any():
+            variance[:, known] = 0.0
+        by_mean, by_variance = (np.einsum("pb,pb->b", each, each) for each in (mean, variance))
+        q = by_mean + by_variance / (3.0 * moments.variance)
         noise = 2.0 * self.noise_variance * self.laplace.root[self.hyperparameters.lengths.size + 1]
-        log_variance = (np.where(known, 0.0, variance) + noise[:, None]) / (moments.variance + self.noise_variance)
-        by_log = np.square(log_variance).sum(axis=0)
-        return moments.mean, PredictiveTerms(moments.variance, q, self.noise_variance, by_mean, by_log)
+        return moments.mean, PredictiveTerms(moments.variance, q, self.noise_variance, by_mean, variance, noise)
 
     def _gather(
         self,

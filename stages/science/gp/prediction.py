@@ -91,10 +91,11 @@ class Predictor:
         variance = self._variance(explained)
         linear, slopes = self._distances.mean_slopes(at, k)
 
-        dm, dv = np.zeros((2, self.size, count))
+        dm, dv = np.empty((2, self.size, count))
+        dv[d + 2 :] = 0.0
         dm[:d] = slopes
-        dm[d] = 2.0 * self._noise * linear[1]
-        dm[d + 1] = -2.0 * self.read.noise_variance * linear[1]
+        np.multiply(linear[1], 2.0 * self._noise, out=dm[d])
+        np.multiply(linear[1], -2.0 * self.read.noise_variance, out=dm[d + 1])
         dm[d + 2 :] = 1.0 - linear[2:]
         squared = np.einsum("nb,nb->b", b, b)
         dv[:d] = -2.0 * self._distances.variance_spread(at, k, b, explained)
@@ -107,7 +108,10 @@ class Predictor:
         return self._whiten.multiply(k, self._v[:, : at.shape[1]]), k
 
     def _scale(self, points: Array) -> Array:
-        return np.ascontiguousarray(((points - self._centre) / self.read.lengths).T)
+        at = np.array(points.T, order="C")  # long rows first: each operation is on few of them
+        at -= self._centre[:, None]
+        at /= self.read.lengths[:, None]
+        return at
 
     def _variance(self, explained: Array) -> Array:
         return np.maximum(self.read.signal_variance - explained, self.floor)

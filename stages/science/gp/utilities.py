@@ -25,15 +25,24 @@ class PredictiveTerms:
         q.
     noise_variance : float
         sn^2.
-    mean_variance, log_variance_variance : (B,) float arrays
-        dm' S dm and dl' S dl: how theta ~ N(theta_MAP, S) moves m and l, to first order.
+    mean_variance : (B,) float array
+        dm' S dm: how theta ~ N(theta_MAP, S) moves m, to first order.
+    variance_slope, noise_slope : (P, B) and (P,) float arrays
+        R' dV, 0 where V is no more than rounding, and R' d(sn^2), with R R' = S.
     """
 
     variance: Array
     hyperparameter_variance: Array
     noise_variance: float
     mean_variance: Array
-    log_variance_variance: Array
+    variance_slope: Array
+    noise_slope: Array
+
+    @property
+    def log_variance_variance(self) -> Array:
+        """How theta moves l, to first order: dl' S dl, (B,)."""
+        slope = (self.variance_slope + self.noise_slope[:, None]) / (self.variance + self.noise_variance)
+        return np.asarray(np.einsum("pb,pb->b", slope, slope))
 
     @property
     def marginal_variance(self) -> Array:

@@ -18,7 +18,8 @@ TRIED = PredictiveTerms(
     hyperparameter_variance=np.array([0.001, 0.1, 2.0]),
     noise_variance=0.01,
     mean_variance=np.array([0.0, 0.1, 2.0]),
-    log_variance_variance=np.array([0.0, 0.1, 2.0]),
+    variance_slope=np.array([[0.0, 0.1, 2.0]]),
+    noise_slope=np.array([0.1]),
 )
 """Terms of three points that a function of one's own is tried with before anything is measured."""
 
