@@ -53,10 +53,15 @@ class Choice(NamedTuple):
                     yield self._replace(octaves=(*self.octaves[:place], moved, *self.octaves[place + 1 :]))
 
     def list_toggles(self) -> Iterator[tuple[str, "Choice"]]:
-        """Yield each input that is not measured, and the choice in which it is left out or added."""
+        """Yield each input that is not measured, and the choice in which it is left out or added.
+
+        A constant that is no longer in use is as assumed again: an input that needs it later begins there.
+        """
         for name in [name for name, each in FEATURES.items() if each.follow is not None]:
             kept = {*self.inputs} ^ {name}
-            yield name, self._replace(inputs=tuple(each for each in FEATURES if each in kept))
+            toggled = self._replace(inputs=tuple(each for each in FEATURES if each in kept))
+            own = zip(CONSTANTS, self.octaves, strict=True)
+            yield name, toggled._replace(octaves=tuple(each * (constant in toggled.used) for constant, each in own))
 
 
 @dataclass(frozen=True)

@@ -71,6 +71,14 @@ def test_inputs_that_force_depends_on_are_found_and_others_left_out(inputs, memo
     assert min(toggled.values()) > 0.0
 
 
+def test_a_constant_that_is_not_in_use_is_as_assumed():
+    moved = Choice(tuple(INPUTS), (1.0, 2.0, 0.0))
+    toggled = dict(moved.list_toggles())
+    assert toggled["contraction_highpass"] == Choice(tuple(INPUTS[:3]), (1.0, 0.0, 0.0))
+    assert dict(toggled["contraction_highpass"].list_toggles())["pressure_highpass"].octaves == (1.0, 0.0, 0.0)
+    assert toggled["pressure_highpass"].octaves == (1.0, 2.0, 0.0)
+
+
 def test_models_have_the_scales_that_the_constants_give():
     evidence = make_evidence((0.0, 0.0), 3000.0)
     choice = Choice(tuple(INPUTS), (1.0, 0.0, 0.0))
