@@ -263,6 +263,7 @@ def _validate_study(values: dict[str, Any], settings: Settings, stages: Sequence
             raise ConfigError(
                 f"unknown key {name!r}, which no stage of workflow {settings.workflow.name} reads: "
                 f"{suggest(str(name), declared, find_today('keys', str(name)))}"
+                f"{f' (~{name} leaves the section out)' if isinstance(values[name], Mapping) else ''}"
             )
     study = Study(settings, values)
     if study.has_interface:

@@ -13,16 +13,25 @@ from typing import Annotated
 import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
-from pydantic import Field, PositiveFloat, PositiveInt
+from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
 
 from pipeline.config import Section
 from pipeline.context import Context
+from pipeline.printing import format_count
 from pipeline.stage import stage
 from pipeline.table import Table, column, sentences
 from stages.science.figures.model_selection import draw_selection
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, TEST_WORDS, average_muscles
 from stages.science.muscle_models.inputs import FEATURES, ModelSettings
-from stages.science.muscle_models.model_selection import CONSTANTS, Evidence, Fitted, Key, Selected, select_model
+from stages.science.muscle_models.model_selection import (
+    CONSTANTS,
+    MOST_OCTAVES,
+    Evidence,
+    Fitted,
+    Key,
+    Selected,
+    select_model,
+)
 from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points
 from stages.science.signals.executed_trials import join_executed
@@ -89,7 +98,8 @@ class SelectionSettings(Section):
     experiments: PositiveInt
     points_per_trial: PositiveInt
     spread_octaves: PositiveFloat
-    steps_octaves: Annotated[list[PositiveFloat], Field(min_length=1)]
+    steps_octaves: Annotated[list[Annotated[float, Field(gt=0, le=MOST_OCTAVES)]], Field(min_length=1)]
+    least_gain_nats: NonNegativeFloat
     log_length_mean: float
     log_length_variance: PositiveFloat
 
@@ -136,7 +146,7 @@ def model_selection(
     length = settings.log_length_mean, settings.log_length_variance
     along, trials = bank[["trajectory", *SIGNALS]], executed[["trial", *SIGNALS, MODEL_OUTPUT]]
     evidence = Evidence(cfg.model, along, candidates["time_s"].unique(), trials, few, recorded, length)
-    search = settings.spread_octaves, settings.steps_octaves, ctx.generator("starts")
+    search = settings.spread_octaves, sorted(settings.steps_octaves, reverse=True), ctx.generator("starts")
     with ctx.progress("choices of inputs and constants", 4 * len(FEATURES)) as advance:
         found = select_model(evidence, *search, lambda each: advance(f"{len(each.inputs)} inputs"), ctx.spread)
     found = found.refit(replace(evidence, rows=rows), ctx.generator("starts"))
@@ -157,9 +167,13 @@ def model_selection(
         MODELS_TRIED.name: pd.DataFrame(tried)[list(MODELS_TRIED.columns)],
         SELECTION_ERRORS.name: errors[list(SELECTION_ERRORS.columns)],
     }
+    of = "the same trials"
+    if settings.experiments < points["experiment"].max():
+        of += f" of the first {format_count(settings.experiments, 'experiment')} of each participant"
+    sure = found.gain >= settings.least_gain_nats
     said = {
-        SELECTION_FINDINGS.name: describe_selection(inputs, constants, errors, found),
-        SELECTION_ADVICE.name: advise(constants, found),
+        SELECTION_FINDINGS.name: describe_selection(inputs, constants, errors, found, of, sure),
+        SELECTION_ADVICE.name: advise(constants, found) if sure and is_better(errors) else [],
     }
     return {**told, **{name: pd.DataFrame({"sentence": each}, dtype=object) for name, each in said.items()}}
 
@@ -212,28 +226,44 @@ def measure_error(fitted: Fitted, samples: pd.DataFrame) -> float:
 
 
 def describe_selection(
-    inputs: pd.DataFrame, constants: pd.DataFrame, errors: pd.DataFrame, found: Selected
+    inputs: pd.DataFrame, constants: pd.DataFrame, errors: pd.DataFrame, found: Selected, of: str, sure: bool
 ) -> list[str]:
-    """Return which inputs and constants the designed trials are evidence for, and what the models err by with them."""
+    """Return which inputs and constants the designed trials are evidence for, and what models `of` trials err by."""
     added, left = (
         inputs.query(f"selected == {each} and assumed != {each}")["input"].tolist() for each in (True, False)
     )
     moved = constants[constants["octaves"] != 0.0].to_dict("records")
     if not added and not left and not moved:
         return ["The designed trials are evidence for the inputs and constants of the models as they were assumed."]
-    changes = [f"also {' and '.join(added)}"] if added else []
-    changes += [f"not {' and '.join(left)}"] if left else []
+    changes = [f"also {', '.join(added)}"] if added else []
+    changes += [f"without {', '.join(left)}"] if left else []
     changes += [f"{row['constant']} {row['selected']:.3g} instead of {row['assumed']:.3g}" for row in moved]
-    mean = errors[errors["muscle"] == ALL_MUSCLES].groupby("tested_on", sort=False)[["assumed", "selected"]].mean()
     rates = [
         f"{100 * now:.3g} % on {TEST_WORDS[str(name)]} ({100 * before:.3g} %)"
-        for name, before, now in mean.itertuples(name=None)
+        for name, before, now in average_errors(errors).itertuples(name=None)
     ]
-    return [
-        f"The designed trials are evidence for other inputs of the models: {', '.join(changes)} (log evidence "
-        f"+{found.gain:.3g}). With these the models of the same trials err by {', '.join(rates)}; in brackets as they "
-        "were assumed."
+    told = [
+        "The designed trials are evidence for other inputs or constants of the models: "
+        f"{'; '.join(changes)} (log evidence +{found.gain:,.1f}). With these the models of {of} err by "
+        f"{', '.join(rates)}; in brackets as they were assumed."
     ]
+    if not sure:
+        told.append("That is too little evidence to change them.")
+    elif not is_better(errors):
+        told.append("They do not err less: keep what was assumed until more trials tell.")
+    return told
+
+
+def average_errors(errors: pd.DataFrame) -> pd.DataFrame:
+    """Return the columns `assumed` and `selected` of each test set, averaged over muscles and experiments."""
+    means = errors[errors["muscle"] == ALL_MUSCLES].groupby("tested_on", sort=False)
+    return means[["assumed", "selected"]].mean()
+
+
+def is_better(errors: pd.DataFrame) -> bool:
+    """Return whether the selected models err less on average over the test sets."""
+    mean = average_errors(errors).mean()
+    return bool(mean["selected"] < mean["assumed"])
 
 
 def advise(constants: pd.DataFrame, found: Selected) -> list[str]:

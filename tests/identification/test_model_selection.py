@@ -3,6 +3,7 @@
 import pandas as pd
 import pytest
 
+from stages.identification.model_selection import is_better
 from tests.studies import read_stages, run_stage
 
 CHAIN = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "model_selection", "comparison"]
@@ -29,6 +30,12 @@ def test_the_models_with_assumed_constants_are_those_of_the_design(found):
     both = last.merge(found["selection_errors"], on=[*keys, "participant", "experiment"])
     assert len(both) == 2 * 4 == len(found["selection_errors"].query("muscle != 'mean'"))
     pd.testing.assert_series_equal(both["assumed"], both["error_rate"], check_names=False, rtol=1e-3)
+
+
+def test_a_selection_without_less_error_is_not_advised(found):
+    errors = found["selection_errors"]
+    assert is_better(errors)
+    assert not is_better(errors.assign(selected=errors["assumed"]))
 
 
 def test_what_is_tried_and_found_is_told_with_what_to_type(found):

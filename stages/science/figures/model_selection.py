@@ -11,6 +11,8 @@ def draw_selection(inputs: pd.DataFrame) -> Figure:
     names = [name.replace("_", " ") for name in inputs["input"]]
     for selected, label, colour in ((True, "selected", COLOURS[0]), (False, "left out", COLOURS[2])):
         own = (inputs["selected"] == selected).to_numpy()
+        if not own.any():
+            continue
         axes.barh(
             [name for name, its in zip(names, own, strict=True) if its],
             inputs.loc[own, "evidence"],
@@ -22,5 +24,5 @@ def draw_selection(inputs: pd.DataFrame) -> Figure:
     axes.invert_yaxis()
     axes.set_xlabel("log evidence for this decision (nats)")
     axes.grid(alpha=0.25, axis="x")
-    axes.legend(frameon=False, fontsize=9)
+    axes.legend(frameon=False, fontsize=9, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncols=2, borderaxespad=0.2)
     return figure

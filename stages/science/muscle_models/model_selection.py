@@ -22,6 +22,8 @@ from stages.science.signals.scaling import Array, Scaling
 
 CONSTANTS = tuple(dict.fromkeys(each.constant for each in FEATURES.values() if each.constant))
 MOST_OCTAVES = 6.0
+STARTS = 8
+"""Of the last models' searches, which are few."""
 Key = tuple[str, int, str]
 """Participant, experiment and muscle."""
 
@@ -59,6 +61,8 @@ class Choice(NamedTuple):
         """
         for name in [name for name, each in FEATURES.items() if each.follow is not None]:
             kept = {*self.inputs} ^ {name}
+            if not kept:
+                continue  # a model has an input
             toggled = self._replace(inputs=tuple(each for each in FEATURES if each in kept))
             own = zip(CONSTANTS, self.octaves, strict=True)
             yield name, toggled._replace(octaves=tuple(each * (constant in toggled.used) for constant, each in own))
@@ -101,8 +105,13 @@ class Evidence:
     recorded: Mapping[str, RecordedModels]
     log_length: tuple[float, float]
 
-    def fit(self, choice: Choice, near: Mapping[Key, Fitted], generator: np.random.Generator) -> Models:
-        """Return all models of a choice; each search begins at the hyperprior's mean and where the model `near` is."""
+    def fit(
+        self, choice: Choice, near: Mapping[Key, Fitted], generator: np.random.Generator, starts: int = 0
+    ) -> Models:
+        """Return all models of a choice.
+
+        Each search begins at the hyperprior's mean, at so many draws from it, and where the model `near` is.
+        """
         model = choice.apply(self.model)
         bank = leave_out_lead_in(model.extend(self.bank, ["trajectory"]))
         bank = bank[bank["time_s"].isin(self.times_s)]
@@ -122,7 +131,9 @@ class Evidence:
             prior = self._extend_prior(recorded.prior, choice)
             warm = [_carry_over(near[key], choice, prior)] if key in near else []
             data = scaling.inputs_of(points), scaling.output_of(points), prior, recorded.mean
-            found[key] = Fitted(choice.inputs, scaling, fit(*data, generator=generator, starts=0, warm_starts=warm))
+            found[key] = Fitted(
+                choice.inputs, scaling, fit(*data, generator=generator, starts=starts, warm_starts=warm)
+            )
         return found
 
     def _extend_prior(self, prior: Hyperprior, choice: Choice) -> Hyperprior:
@@ -162,8 +173,8 @@ class Selected:
 
     def refit(self, evidence: Evidence, generator: np.random.Generator) -> Self:
         """Return the same with both models fitted to the points of other evidence."""
-        assumed = evidence.fit(self.first, self.assumed, generator)
-        return replace(self, assumed=assumed, fitted=evidence.fit(self.best, self.fitted, generator))
+        assumed = evidence.fit(self.first, self.assumed, generator, STARTS)
+        return replace(self, assumed=assumed, fitted=evidence.fit(self.best, self.fitted, generator, STARTS))
 
 
 def select_model(

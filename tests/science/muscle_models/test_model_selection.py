@@ -79,6 +79,10 @@ def test_a_constant_that_is_not_in_use_is_as_assumed():
     assert toggled["pressure_highpass"].octaves == (1.0, 2.0, 0.0)
 
 
+def test_a_model_keeps_an_input():
+    assert "contraction_stop" not in dict(Choice(("contraction_stop",), (0.0,) * 3).list_toggles())
+
+
 def test_models_have_the_scales_that_the_constants_give():
     evidence = make_evidence((0.0, 0.0), 3000.0)
     choice = Choice(tuple(INPUTS), (1.0, 0.0, 0.0))
