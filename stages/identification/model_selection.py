@@ -1,8 +1,8 @@
 """Inputs of the models and constants of their memory by the designed trials, and what that takes off their errors.
 
-In: `points` of the design's arm, the recordings of the executed trials, `bank` and `candidates` for the inputs' scales,
-`hyperprior` and `scaling`; to test on, `task_movements`, `bank` and `unseen_bank`, whose force the evaluation alone
-reads. Out: `selected_inputs`, `selected_constants`, `models_tried`, `selection_errors`, and in words
+In: `points` and `models` of the design's arm, the recordings of the executed trials, `bank` and `candidates` for the
+inputs' scales, `hyperprior` and `scaling`; to test on, `task_movements`, `bank` and `unseen_bank`, whose force the
+evaluation alone reads. Out: `selected_inputs`, `selected_constants`, `models_tried`, `selection_errors`, and in words
 `selection_findings` and `selection_advice`. It measures nothing, and trials that were chosen stay.
 """
 
@@ -36,7 +36,7 @@ from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points
 from stages.science.signals.executed_trials import join_executed
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
 
 WHO = ["participant", "experiment"]
 SIGNALS = ["muscle", "time_s", *MODEL_INPUTS]
@@ -128,6 +128,7 @@ def model_selection(
     hyperprior: pd.DataFrame,
     scaling: pd.DataFrame,
     points: pd.DataFrame,
+    models: pd.DataFrame,
     hardware_recordings: pd.DataFrame,
     active_recordings: pd.DataFrame,
     ctx: Context,
@@ -145,7 +146,8 @@ def model_selection(
     recorded = {str(name): RecordedModels.read(hyperprior, scaling, name) for name in hyperprior["muscle"].unique()}
     length = settings.log_length_mean, settings.log_length_variance
     along, trials = bank[["trajectory", *SIGNALS]], executed[["trial", *SIGNALS, MODEL_OUTPUT]]
-    evidence = Evidence(cfg.model, along, candidates["time_s"].unique(), trials, few, recorded, length)
+    last = list_last_models(models[models["arm"] == points["arm"].iloc[0]])
+    evidence = Evidence(cfg.model, along, candidates["time_s"].unique(), trials, few, recorded, length, last)
     search = settings.spread_octaves, sorted(settings.steps_octaves, reverse=True), ctx.generator("starts")
     with ctx.progress("choices of inputs and constants", 4 * len(FEATURES)) as advance:
         found = select_model(evidence, *search, lambda each: advance(f"{len(each.inputs)} inputs"), ctx.spread)
@@ -176,6 +178,13 @@ def model_selection(
         SELECTION_ADVICE.name: advise(constants, found) if sure and is_better(errors) else [],
     }
     return {**told, **{name: pd.DataFrame({"sentence": each}, dtype=object) for name, each in said.items()}}
+
+
+def list_last_models(models: pd.DataFrame) -> dict[Key, Array]:
+    """Return the hyperparameters of each model after the last trial of its experiment."""
+    last = models[models["trial"] == models.groupby(WHO)["trial"].transform("max")]
+    keyed = last.groupby([*WHO, "muscle"], sort=False)["value"]
+    return {(str(key[0]), int(str(key[1])), str(key[2])): its.to_numpy() for key, its in keyed}
 
 
 def list_rows(placed: pd.DataFrame) -> dict[Key, NDArray[np.intp]]:

@@ -6,7 +6,7 @@ that all points of all muscles speak for one choice.
 """
 
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -94,7 +94,8 @@ class Evidence:
 
     `bank` has the movements, for the inputs' scales at the `times_s` of the candidates; `executed` has the trials,
     numbered in a column `trial`; `rows` are the places of each model's points in `executed`, (N,); `recorded` is what
-    the assumed models of each muscle share, and `log_length` mean and variance of the hyperprior of an added input's.
+    the assumed models of each muscle share, and `log_length` mean and variance of the hyperprior of an added input's;
+    `designed` has the hyperparameters, (P,), at which trials were chosen.
     """
 
     model: ModelSettings
@@ -104,13 +105,15 @@ class Evidence:
     rows: Mapping[Key, NDArray[np.intp]]
     recorded: Mapping[str, RecordedModels]
     log_length: tuple[float, float]
+    designed: Mapping[Key, Array] = field(default_factory=dict)
 
     def fit(
         self, choice: Choice, near: Mapping[Key, Fitted], generator: np.random.Generator, starts: int = 0
     ) -> Models:
         """Return all models of a choice.
 
-        Each search begins at the hyperprior's mean, at so many draws from it, and where the model `near` is.
+        Each search begins at the hyperprior's mean, at so many draws from it, and where the model `near` is, or where
+        the design's was.
         """
         model = choice.apply(self.model)
         bank = leave_out_lead_in(model.extend(self.bank, ["trajectory"]))
@@ -129,7 +132,9 @@ class Evidence:
                 input_scale=np.where(spread > 0.0, spread, 1.0),
             )
             prior = self._extend_prior(recorded.prior, choice)
-            warm = [_carry_over(near[key], choice, prior)] if key in near else []
+            begun = [(near[key].inputs, near[key].model.theta)] if key in near else []
+            begun += [(tuple(self.model.inputs), self.designed[key])] if key in self.designed and not begun else []
+            warm = [_carry_over(*each, choice, prior) for each in begun]
             data = scaling.inputs_of(points), scaling.output_of(points), prior, recorded.mean
             found[key] = Fitted(
                 choice.inputs, scaling, fit(*data, generator=generator, starts=starts, warm_starts=warm)
@@ -145,11 +150,11 @@ class Evidence:
         return Hyperprior(np.append(mean, prior.mean[rest:]), np.append(variance, prior.variance[rest:]))
 
 
-def _carry_over(near: Fitted, choice: Choice, prior: Hyperprior) -> Array:
+def _carry_over(inputs: Sequence[str], theta: Array, choice: Choice, prior: Hyperprior) -> Array:
     """Return the hyperparameters of a model with some other inputs; new ones are at the hyperprior's mean."""
-    known = dict(zip(near.inputs, near.model.theta, strict=False))
+    known = dict(zip(inputs, theta, strict=False))
     lengths = [known.get(name, mean) for name, mean in zip(choice.inputs, prior.mean, strict=False)]
-    return np.append(lengths, near.model.theta[len(near.inputs) :])
+    return np.append(lengths, theta[len(inputs) :])
 
 
 @dataclass(frozen=True)
@@ -173,7 +178,7 @@ class Selected:
 
     def refit(self, evidence: Evidence, generator: np.random.Generator) -> Self:
         """Return the same with both models fitted to the points of other evidence."""
-        assumed = evidence.fit(self.first, self.assumed, generator, STARTS)
+        assumed = evidence.fit(self.first, {}, generator, STARTS)
         return replace(self, assumed=assumed, fitted=evidence.fit(self.best, self.fitted, generator, STARTS))
 
 
