@@ -171,7 +171,8 @@ def model_selection(
     }
     of = "the same trials"
     if settings.experiments < points["experiment"].max():
-        of += f" of the first {format_count(settings.experiments, 'experiment')} of each participant"
+        first = "experiment" if settings.experiments == 1 else format_count(settings.experiments, "experiment")
+        of += f" of the first {first} of each participant"
     sure = found.gain >= settings.least_gain_nats
     said = {
         SELECTION_FINDINGS.name: describe_selection(inputs, constants, errors, found, of, sure),
