@@ -325,14 +325,17 @@ def describe_learning(
 
     `compared` has the rows of the largest number of experiments, `mean` those of `learning_summary` over all muscles.
     """
-    rows = final[(final["muscle"] == ALL_MUSCLES) & (final["arm"] == design)].to_dict("records")
-    its = {str(row["tested_on"]): row for row in rows}
+    rows = final[final["muscle"] == ALL_MUSCLES]
+    if "trials" not in rows:
+        rows = rows.assign(trials=float(mean["trial"].max()))
+    its = {str(row["tested_on"]): row for row in rows[rows["arm"] == design].to_dict("records")}
+    executed = rows[rows["tested_on"] == tests[0]].set_index("arm")["trials"].to_dict()
     first, trials = its[tests[0]], int(mean["trial"].max())
     n = int(first["experiments"])
     spread = f", standard deviation {_percent(first['after_sd'])}" if n > 1 else ""
     text = (
-        f"After {trials} designed trial{'s' * (trials > 1)} the models err by {_percent(first['after'])} of the "
-        f"largest force on {DESCRIBED[tests[0]]} ({n} experiment{'s' * (n > 1)}{spread}); before them it was "
+        f"After {_count_trials(executed[design], trials, 'designed ')} the models err by {_percent(first['after'])} of "
+        f"the largest force on {DESCRIBED[tests[0]]} ({n} experiment{'s' * (n > 1)}{spread}); before them it was "
         f"{_percent(first['before'])}."
     )
     others = [f"{_percent(its[name]['after'])} on {DESCRIBED[name]}" for name in tests[1:]]
@@ -341,7 +344,7 @@ def describe_learning(
     pairs = compared[(compared["tested_on"] == tests[0]) & (compared["measure"] == "final")]
     for row in pairs[pairs["verdict"] != UNDECIDED].to_dict("records"):
         reached = curves.index[(curves[design] <= curves[row["control"]].iloc[-1]).to_numpy()]
-        told.append(_compare_with(row, reached, trials))
+        told.append(_compare_with(row, reached, trials, executed[row["control"]]))
     left = pairs[pairs["verdict"] == UNDECIDED].to_dict("records")
     if left:
         ends = [f"{choose_by(row['control'])} ({_percent(row['control_mean'])})" for row in left]
@@ -361,9 +364,16 @@ def choose_by(arm: str) -> str:
     return "at random" if arm == "random" else f"by {spell_arm(arm)}"
 
 
-def _compare_with(row: Mapping[Any, Any], reached: pd.Index, trials: int) -> str:
+def _count_trials(executed: float, most: int, kind: str = "") -> str:
+    """Return how many trials were executed, of `most`, on average where some experiments ended before."""
+    return f"{round(executed, 1):g} {kind}trial{'s' * (executed != 1)}{' on average' * (executed < most)}"
+
+
+def _compare_with(row: Mapping[Any, Any], reached: pd.Index, trials: int, executed: float) -> str:
     """Return how a control ended that differs from the design, by a row of `paired_comparison`."""
     text = f"With trajectories chosen {choose_by(row['control'])} they end at {_percent(row['control_mean'])}"
+    if executed < trials:
+        text += f" after {_count_trials(executed, trials)}"
     if row["verdict"] == "control better":
         return f"{text}, which is {_describe_lead(row)}."
     when = f", and reaches that error by trial {int(reached[0])} of {trials}" if len(reached) else ""
