@@ -283,8 +283,5 @@ def advise(constants: pd.DataFrame, found: Selected) -> list[str]:
     keys += [
         f"model.constants.{name}={value:.4g}" for name, value in zip(moved["constant"], moved["selected"], strict=True)
     ]
-    return (
-        [f"Design trials with these inputs and constants: python -m pipeline ARGUMENTS {' '.join(keys)}"]
-        if keys
-        else []
-    )
+    told = f"Design trials with these inputs and constants: python -m pipeline ARGUMENTS {' '.join(keys)}"
+    return [told] if keys else []

@@ -79,7 +79,7 @@ class Expanded:
         self._left = np.column_stack([scaled, np.log(signal_variance) - half_norms, np.ones(n)])
         self._right = np.ones((d + 2, size))
         self._scaled = np.ascontiguousarray(scaled.T)
-        self._doubled = -2.0 * self._scaled
+        self._minus_twice = -2.0 * self._scaled
         self._factor, self._find_rows = factor, find_rows
         self._covariance = np.empty((n, size))
 
@@ -122,7 +122,7 @@ class Expanded:
         spread = self._stack.square(b, self._product[:, : b.shape[1]])
         np.multiply(b, k, out=b)
         crossed = points * norms
-        crossed += self._doubled @ b
+        crossed += self._minus_twice @ b
         crossed *= points
         spread += crossed
         return np.maximum(spread, 0.0, out=spread)
