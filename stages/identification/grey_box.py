@@ -24,23 +24,25 @@ from pipeline.table import Table, column, sentences
 from stages.science.discrepancy.amendment import amend_plant
 from stages.science.discrepancy.patch import read_patches
 from stages.science.figures.grey_box import draw_rungs
+from stages.science.gp.expected_error import scale_intervals
+from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, TEST_WORDS, add_average
-from stages.science.muscle_models.grey_box import GreyBox, Interval, predict_interval
+from stages.science.muscle_models.grey_box import GreyBox, Interval, leave_residual, predict_interval
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import RecordedModels
-from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points
+from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points, thin
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.measured_motion import simulate_force
 from stages.science.plant.plant import Plant
 from stages.science.signals.executed_trials import join_executed
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import MODEL_OUTPUT, Array
+from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
 from stages.science.statistics.intervals import Coverage, cover_blocks
 
 LEVEL = 0.95
 QUANTILE = float(ndtri(0.5 + LEVEL / 2))
 FEWEST = 5
-"""Movements below which a share's interval says nothing."""
+"""Movements below which a share's interval says nothing, and trials below which intervals are not scaled by them."""
 NOMINAL, AMENDED, PROCESS, GREY_BOX = RUNGS = ("nominal_plant", "amended_plant", "gaussian_process", "grey_box")
 DESCRIBED = {
     NOMINAL: "the plant as the configuration has it",
@@ -110,6 +112,12 @@ GREY_BOX_COVERAGE = Table(
         "low": column(float, "lower end of its 95 % interval (t over movements)", low=0, high=1, nullable=True),
         "high": column(float, "upper end of its 95 % interval (t over movements)", low=0, high=1, nullable=True),
         "half_width_n": column(float, "mean half width of the intervals", unit="N", low=0),
+        "width_factor": column(
+            float,
+            "factor on the widths that the model's own uncertainty makes: with it intervals hold 95 % of the designed "
+            f"trials' samples, each trial left out of the model; 1 below {FEWEST} trials",
+            low=0,
+        ),
         "verdict": column(
             str,
             "whether the intervals hold the 95 % that they say, by the interval of the share, or by the share itself "
@@ -205,10 +213,22 @@ class Tested(NamedTuple):
 
 @dataclass(frozen=True)
 class Designed:
-    """What the design left of a muscle in an experiment: its last model's rows, and points with the plant's force."""
+    """What the design left of a muscle in an experiment: its last model's rows, points, and samples of its trials.
+
+    Points and samples have the amended plant's force.
+    """
 
     model: pd.DataFrame
     points: pd.DataFrame
+    samples: pd.DataFrame
+
+    def scale(self, model: MarginalGP, scaling: Scaling, plant_n: Array | float) -> float:
+        """Return the factor on the widths of a model's intervals, of what the plant's force leaves of the samples'."""
+        inputs, left = leave_residual(scaling, self.samples, plant_n)
+        executed = [(inputs[rows], left[rows]) for rows in self.samples.groupby("trial").indices.values()]
+        if len(executed) < FEWEST:
+            return 1.0
+        return scale_intervals(model, self.points["trial"].to_numpy() - 1, executed, LEVEL)
 
 
 @stage(
@@ -250,14 +270,19 @@ def grey_box(
     executed = join_executed(hardware_recordings, active_recordings)
     force = simulate_force(amended, cfg.exoskeleton, executed, ["trial"], cfg.grey_box.smoothing_s, in_session=True)
     known = locate_points(own_points, hardware_recordings, active_recordings, {AMENDED: force})
-    points_of: dict[Any, pd.DataFrame] = dict(list(known.groupby([*WHO, "muscle"], sort=False)))
+    own = active_recordings[active_recordings["arm"] == design]
+    samples = cfg.model.extend(own.assign(**{AMENDED: force[-len(own) :]}), [*WHO, "trial"])
+    samples = thin(samples, cfg.grey_box.every, [*WHO, "trial"])
+    points_of, samples_of = (
+        dict[Any, pd.DataFrame](list(each.groupby([*WHO, "muscle"], sort=False))) for each in (known, samples)
+    )
     jobs = {}
     for muscle in [str(name) for name in hyperprior["muscle"].unique()]:
         recorded = RecordedModels.read(hyperprior, scaling, muscle)
         its_tests = {name: gather_samples(each[each["muscle"] == muscle], recorded) for name, each in tests.items()}
         for key, its in own_models[own_models["muscle"] == muscle].groupby(WHO, sort=False):
             where = str(key[0]), int(str(key[1])), muscle
-            designed = Designed(its[its["trial"] == its["trial"].max()], points_of[where])
+            designed = Designed(its[its["trial"] == its["trial"].max()], points_of[where], samples_of[where])
             generator = ctx.generator("starts", *where)
             job = *where, recorded, designed, its_tests, cfg.grey_box, generator
             jobs["{} experiment {} {}".format(*where)] = job
@@ -380,11 +405,16 @@ def judge_muscle(
     points, process = designed.points, recorded.rebuild(designed.model, designed.points)
     search = generator, settings.starts, [process.theta]
     grey = GreyBox.identify(recorded, points, points[AMENDED].to_numpy(), *search)
+    scaling = recorded.scaling
+    factors = {
+        PROCESS: designed.scale(process, scaling, scaling.force_centre_n),
+        GREY_BOX: designed.scale(grey.residual, scaling, designed.samples[AMENDED].to_numpy()),
+    }
     told: list[tuple[str, tuple[Any, ...]]] = []
     for tested_on, test in tests.items():
         forces = {
             **test.plants_n,
-            PROCESS: recorded.scaling.restore_force(process.predict_mean(test.inputs)),
+            PROCESS: scaling.restore_force(process.predict_mean(test.inputs)),
             GREY_BOX: grey.predict_mean(test.inputs, test.plants_n[AMENDED]),
         }
         for rung in RUNGS:
@@ -393,10 +423,10 @@ def judge_muscle(
         some = slice(None, None, settings.every)
         inputs, plant_n = test.inputs[some], test.plants_n[AMENDED][some]
         for rung, interval in (
-            (PROCESS, predict_interval(process, recorded.scaling, inputs, QUANTILE)),
-            (GREY_BOX, grey.predict_interval(inputs, plant_n, QUANTILE)),
+            (PROCESS, predict_interval(process, scaling, inputs, QUANTILE * factors[PROCESS])),
+            (GREY_BOX, grey.predict_interval(inputs, plant_n, QUANTILE * factors[GREY_BOX])),
         ):
-            covered = count_covered(interval, test.force_n[some], test.trajectories[some])
+            covered = count_covered(interval, factors[rung], test.force_n[some], test.trajectories[some])
             told.append((GREY_BOX_COVERAGE.name, (*who, tested_on, muscle, rung, *covered)))
     residual = grey.residual
     columns = residual.theta, np.sqrt(np.diag(residual.laplace.covariance))
@@ -406,11 +436,11 @@ def judge_muscle(
     return told
 
 
-def count_covered(interval: Interval, force_n: Array, trajectories: Array) -> tuple[Any, ...]:
-    """Return samples, movements, the share within intervals, the ends of its own, the mean half width, N, a verdict."""
+def count_covered(interval: Interval, factor: float, force_n: Array, trajectories: Array) -> tuple[Any, ...]:
+    """Return samples, movements, the share within intervals, the ends of its own, half width (N), factor, a verdict."""
     mean_n, half_n = interval
     covered = cover_blocks(force_n, mean_n - half_n, mean_n + half_n, trajectories)
-    return (*vars(covered).values(), float(half_n.mean()), judge_coverage(covered))
+    return (*vars(covered).values(), float(half_n.mean()), factor, judge_coverage(covered))
 
 
 def judge_coverage(covered: Coverage) -> str:

@@ -79,6 +79,7 @@ def test_a_search_that_finds_nothing_leaves_the_nominal_plant(unchanged, designe
     assert list(summary["tested_on"].unique()) == ["task", "bank"]
     pd.testing.assert_series_equal(summary["amended_plant"], summary["nominal_plant"], check_names=False)
     assert (summary["points"] == 50).all()
+    assert (unchanged["grey_box_coverage"]["width_factor"] == 1.0).all()  # two trials are too few to scale intervals by
     errors = unchanged["grey_box_errors"].set_index(["tested_on", "muscle", "rung"])["error_rate"]
     for row in summary.to_dict("records"):
         assert [row[name] for name in RATES] == pytest.approx(
@@ -178,7 +179,7 @@ def test_a_plant_with_the_effects_of_the_simulated_rig_is_refused(overrides):
 
 @pytest.mark.slow
 def test_one_command_designs_names_and_models_what_is_left(pamid):
-    result = pamid(*NAMING, "budget=tiny")
+    result = pamid(*NAMING, "budget=tiny", "active_loop.trials=5")
     assert result.returncode == 0, result.stderr
     (run,) = pamid.runs
     for told in ("Error rate of each rung", "What was found", "What to do next"):
@@ -188,6 +189,9 @@ def test_one_command_designs_names_and_models_what_is_left(pamid):
     assert (summary["amended_plant"] < summary["nominal_plant"]).all()
     final = pd.read_parquet(run / "tables/final_errors.parquet").query("muscle == 'mean'").set_index("tested_on")
     np.testing.assert_allclose(summary["gaussian_process"], final.loc[summary["tested_on"], "after"], rtol=1e-9)
+    coverage = pd.read_parquet(run / "tables/grey_box_coverage.parquet")
+    factors = coverage.groupby(["muscle", "rung"])["width_factor"].unique()
+    assert all(len(each) == 1 and each[0] > 0.0 and each[0] != 1.0 for each in factors)
     verdict = json.loads((run / "verdict.json").read_text())
     amended = yaml.safe_load((run / "documents/amended.yaml").read_text())
     assert {each["name"] for each in verdict["effects"]} == {each["name"] for each in amended["effects"]}

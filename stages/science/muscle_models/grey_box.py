@@ -56,10 +56,9 @@ class GreyBox:
         generator, starts, warm_starts
             Of the search for the maximum, as `fit` takes them.
         """
-        scaling = recorded.scaling
-        left = (points[MODEL_OUTPUT].to_numpy() - plant_n) / scaling.force_scale_n
+        known = leave_residual(recorded.scaling, points, plant_n)
         search: dict[str, Any] = {"generator": generator, "starts": starts, "warm_starts": warm_starts}
-        return cls(scaling, fit(scaling.inputs_of(points), left, recorded.prior, recorded.mean, **search))
+        return cls(recorded.scaling, fit(*known, recorded.prior, recorded.mean, **search))
 
     def predict_mean(self, inputs: Array, plant_n: Array) -> Array:
         """Return the force, N, of (N, D) standardised inputs at which the plant's is known, N, (N,) each."""
@@ -72,6 +71,11 @@ class GreyBox:
         """
         interval = predict_interval(self.residual, self.scaling, inputs, quantile)
         return Interval(plant_n + interval.mean_n - self.scaling.force_centre_n, interval.half_n)
+
+
+def leave_residual(scaling: Scaling, samples: pd.DataFrame, plant_n: Array | float) -> tuple[Array, Array]:
+    """Return the standardised inputs of N samples, (N, D), and what a plant's force leaves, in standard units, (N,)."""
+    return scaling.inputs_of(samples), (samples[MODEL_OUTPUT].to_numpy() - plant_n) / scaling.force_scale_n
 
 
 def predict_interval(model: MarginalGP, scaling: Scaling, inputs: Array, quantile: float) -> Interval:

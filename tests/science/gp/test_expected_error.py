@@ -2,10 +2,11 @@
 
 import numpy as np
 import pytest
+from scipy.stats import norm
 from sklearn.gaussian_process import GaussianProcessRegressor
 from sklearn.gaussian_process.kernels import RBF, ConstantKernel
 
-from stages.science.gp.expected_error import expect_error, leave_trials_out
+from stages.science.gp.expected_error import expect_error, leave_trials_out, scale_intervals
 from stages.science.gp.marginal import condition
 from tests.science.gp.data import make_data, make_prior
 
@@ -41,6 +42,25 @@ def test_trials_are_left_out_with_all_their_points_and_no_others(model, generato
     for k, (inputs, outputs) in enumerate(executed):
         measured = np.sqrt(np.mean((regress(model, trials != k).predict(inputs) - outputs) ** 2))
         assert found[k] == pytest.approx([expected(model, trials != k, inputs), measured], rel=1e-8)
+
+
+@pytest.mark.parametrize("level", [0.5, 0.95])
+def test_scaled_intervals_hold_their_share_of_the_trials_that_were_left_out(generator, level):
+    prior = make_prior()
+    theta = prior.draw(1, generator)[0]
+    sure = condition(*make_data(generator, 12), theta, prior, covariance=np.zeros((theta.size, theta.size)))
+    trials = np.repeat([-1, 0, 1, 2], 3)
+    executed = [make_data(generator, 40) for _ in range(3)]
+    factor = scale_intervals(sure, trials, executed, level)
+    within = []
+    for k, (inputs, outputs) in enumerate(executed):
+        mean, sd = regress(sure, trials != k).predict(inputs, return_std=True)
+        variance = 4 / 3 * sd**2  # Garnett, Osborne and Hennig (2014) where the hyperparameters are known
+        half = factor * norm.ppf(0.5 + level / 2) * np.sqrt(variance + sure.noise_variance)
+        within.append(np.abs(outputs - mean) <= half * (1 + 1e-9))
+    assert np.mean(within) == pytest.approx(level, abs=1 / 120)
+    unsure = condition(sure.inputs, sure.posterior.outputs, theta, prior, covariance=0.3 * np.eye(theta.size))
+    assert scale_intervals(unsure, trials, executed, level) < factor
 
 
 def test_every_point_has_a_trial(model, generator):
