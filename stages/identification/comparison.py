@@ -333,8 +333,9 @@ def describe_learning(
     first, trials = its[tests[0]], int(mean["trial"].max())
     n = int(first["experiments"])
     spread = f", standard deviation {_percent(first['after_sd'])}" if n > 1 else ""
+    kind = "random" if design == "random" else "designed"
     text = (
-        f"After {_count_trials(executed[design], trials, 'designed ')} the models err by {_percent(first['after'])} of "
+        f"After {_count_trials(executed[design], trials, f'{kind} ')} the models err by {_percent(first['after'])} of "
         f"the largest force on {DESCRIBED[tests[0]]} ({n} experiment{'s' * (n > 1)}{spread}); before them it was "
         f"{_percent(first['before'])}."
     )
@@ -377,13 +378,15 @@ def _compare_with(row: Mapping[Any, Any], reached: pd.Index, trials: int, execut
     if row["verdict"] == "control better":
         return f"{text}, which is {_describe_lead(row)}."
     when = f", and reaches that error by trial {int(reached[0])} of {trials}" if len(reached) else ""
-    return f"{text}: the design ({spell_arm(row['design'])}) is {_describe_lead(row)}{when}."
+    design = "chance" if row["design"] == "random" else f"the design ({spell_arm(row['design'])})"
+    return f"{text}: {design} is {_describe_lead(row)}{when}."
 
 
 def _describe_lead(row: Mapping[Any, Any]) -> str:
     ends = sorted(abs(100 * row[name]) for name in ("low", "high"))
     doubt = f"95 % interval {ends[0]:.2g} to {ends[1]:.2g}, p = {row['p_holm']:.2g}, paired over experiments"
-    return f"better by {100 * abs(row['difference']):.2g} points ({doubt})"
+    lead = f"{100 * abs(row['difference']):.2g}"
+    return f"better by {lead} point{'s' * (lead != '1')} ({doubt})"
 
 
 def advise(compared: pd.DataFrame, tested_on: str, arms: Sequence[str]) -> list[str]:

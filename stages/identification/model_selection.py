@@ -247,7 +247,11 @@ def describe_selection(
         return ["The designed trials are evidence for the inputs and constants of the models as they were assumed."]
     changes = [f"also {', '.join(added)}"] if added else []
     changes += [f"without {', '.join(left)}"] if left else []
-    changes += [f"{row['constant']} {row['selected']:.3g} instead of {row['assumed']:.3g}" for row in moved]
+    changes += [
+        f"{row['constant']} {row['selected']:.3g} instead of {row['assumed']:.3g}"
+        f"{' (the farthest that is tried)' * (abs(row['octaves']) == MOST_OCTAVES)}"
+        for row in moved
+    ]
     rates = [
         f"{100 * now:.3g} % on {TEST_WORDS[str(name)]} ({100 * before:.3g} %)"
         for name, before, now in average_errors(errors).itertuples(name=None)

@@ -40,7 +40,7 @@ def test_the_curve_is_averaged_over_designed_trials(generator):
         (
             {"y_y": 0.03, "variance": 0.04, "random": 0.04},
             "design better",
-            "With trajectories chosen at random they end at 4 %: the design (y/y) is better by 1 points (95 % interval",
+            "With trajectories chosen at random they end at 4 %: the design (y/y) is better by 1 point (95 % interval",
             [],
         ),
         (
