@@ -8,8 +8,9 @@ climb ends at one. A climb that is about to repeat an earlier one is not finishe
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
+from itertools import chain
 
 import numpy as np
 
@@ -26,8 +27,8 @@ NEAR = 1e-3
 """Share of the log posterior that a step by gradients adds at least; where it adds less, Newton's method takes over."""
 APPROACH = 40
 """Steps by gradients at most."""
-FEW = 60
-"""Points up to which Newton's method from the start on takes no longer."""
+FEW = 200
+"""Entries of the inputs, points times dimensions, up to which Newton's method from the start on takes no longer."""
 SAME = 0.1
 """Distance of a Newton step's end to a known maximum within which a climb counts as a repetition."""
 
@@ -69,8 +70,18 @@ class Place:
         """Return the saddle-free Newton step, (P,); from a saddle, a step along its steepest way out."""
         if self.is_flat:
             return 0.1 * self.axes[:, -1]
-        along = self.axes.T @ self.gradient
+        return self._newton_step(self.gradient)
+
+    def _newton_step(self, gradient: Array) -> Array:
+        along = self.axes.T @ gradient
         return np.asarray(self.axes @ (along / np.maximum(np.abs(self.curvature), 1e-10)))
+
+    def draws(self, theta: Array, value: float, gradient: Array) -> bool:
+        """Return whether a climb from a place, (P,), is about to end at this maximum, by the parabola about it."""
+        away = theta - self.theta
+        fallen = float(-0.5 * away @ self.hessian @ away)
+        lies_on_it = abs(self.value - value - fallen) <= SAME * max(1.0, fallen)
+        return lies_on_it and float(np.linalg.norm(away + self._newton_step(gradient))) <= SAME
 
     def is_below(self, other: Place) -> bool:
         """Return whether another place is higher, or as high to rounding and flatter."""
@@ -102,9 +113,11 @@ def find_map(
     values = np.array([_value_or_minus_infinity(posterior, theta) for theta in fresh])
     ranked = np.argsort(-values, kind="stable")[: max(1, CLIMBS - len(warm_starts))]
     found: list[Place] = []
-    begun = [fresh[index] if posterior.outputs.size <= FEW else approach(posterior, fresh[index]) for index in ranked]
-    for theta in [*warm_starts, *begun]:
-        maximum = climb(posterior, theta, known=[each.theta for each in found])
+    begun: Iterable[Array | None] = (fresh[index] for index in ranked)
+    if posterior.inputs.size > FEW:
+        begun = (approach(posterior, fresh[index], found) for index in ranked)
+    for start in chain(warm_starts, begun):
+        maximum = None if start is None else climb(posterior, start, known=[each.theta for each in found])
         if maximum is not None:
             found.append(maximum)
     if not found:
@@ -113,8 +126,15 @@ def find_map(
     return max(found, key=lambda each: each.value)
 
 
-def approach(posterior: LogPosterior, start: Array) -> Array:
-    """Return a place near a local maximum, (P,), from a start by gradients (L-BFGS-B; Byrd et al. 1995)."""
+class _Repetition(Exception):
+    """An approach is about to end at a known maximum."""
+
+
+def approach(posterior: LogPosterior, start: Array, known: Sequence[Place] = ()) -> Array | None:
+    """Return a place near a local maximum, (P,), from a start by gradients (L-BFGS-B; Byrd et al. 1995).
+
+    None where it is about to end at one of the known maxima.
+    """
     from scipy.optimize import minimize  # a fifth of a second that most commands need not wait for
 
     def descend(theta: Array) -> tuple[float, Array]:
@@ -122,9 +142,14 @@ def approach(posterior: LogPosterior, start: Array) -> Array:
             value, gradient = posterior.ascent(theta)
         except FactorisationError:
             return np.inf, np.zeros_like(theta)
+        if any(each.draws(theta, value, gradient) for each in known):
+            raise _Repetition
         return -value, -gradient
 
-    found = minimize(descend, start, jac=True, method="L-BFGS-B", options={"maxiter": APPROACH, "ftol": NEAR})
+    try:
+        found = minimize(descend, start, jac=True, method="L-BFGS-B", options={"maxiter": APPROACH, "ftol": NEAR})
+    except _Repetition:
+        return None
     return np.asarray(found.x if np.isfinite(found.fun) else start)
 
 
