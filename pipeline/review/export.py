@@ -11,7 +11,6 @@ from pipeline.runs import find_run, list_folders, sweeps_folder
 from pipeline.terminal import say
 from pipeline.tracking.destination import find_destination
 from pipeline.tracking.entries import is_sweep
-from pipeline.tracking.queue import clear
 
 REQUEST_S, RETRIES = 30.0, 2
 """Longest wait for an answer of a server, s, and how often it is asked again."""
@@ -29,7 +28,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
         store = Store(destination, tracking.largest_file_mb, REQUEST_S, RETRIES)
         for folder in folders:
             counts = store.send(folder)
-            clear(destination, folder)
+            destination.clear(folder)
             told = ", ".join(f"{count} {word}" for word, count in counts.items())
             say(f"{folder}: {told}", console)
     except Exception as error:

@@ -21,7 +21,6 @@ from pipeline.runs import is_running
 from pipeline.sweeps.launch import is_launched
 from pipeline.tracking.destination import Destination
 from pipeline.tracking.entries import is_sweep, list_jobs
-from pipeline.tracking.queue import clear, list_marked
 
 if TYPE_CHECKING:
     from pipeline.tracking.mlflow_store import Store
@@ -93,11 +92,11 @@ class Sender:
     def _send_all(self) -> None:
         """Send how the command's own runs ended, then what earlier ones left, but for what others have at work."""
         store = self._connect()
-        marked = list_marked(self.destination)
+        marked = self.destination.list_marked()
         left = [each for each in marked if not (is_launched(each) if is_sweep(each) else is_running(Ledger(each)))]
         for folder in [*self.folders, *(each for each in left if each not in self.folders)]:
             store.send(folder)
-            clear(self.destination, folder)
+            self.destination.clear(folder)
 
 
 def main() -> int:

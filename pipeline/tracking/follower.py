@@ -14,9 +14,9 @@ from pathlib import Path
 
 from pipeline.command import review_line
 from pipeline.config import Tracking, read_tracking
+from pipeline.ledger import Ledger
 from pipeline.terminal import complain, say
 from pipeline.tracking.destination import Destination, find_destination
-from pipeline.tracking.queue import mark
 
 
 @contextmanager
@@ -41,7 +41,7 @@ def following(outputs: str, tracking: Tracking | None) -> Iterator[Callable[[Pat
         )
 
         def follow(folder: Path) -> None:
-            mark(destination, folder)
+            destination.mark(folder)
             told.append(folder)
             with suppress(OSError):
                 assert process.stdin
@@ -83,5 +83,5 @@ def _export_line(destination: Destination, folders: Sequence[Path]) -> str:
     usual = read_tracking("mlflow", {})
     options = [] if destination.is_own else ["--uri", destination.uri]
     options += [] if destination.experiment == usual.experiment else ["--experiment", destination.experiment]
-    jobs = [f"{each.parent.name}/{each.name}" if each.parent.parent.name == "sweeps" else each.name for each in folders]
-    return review_line(str(destination.outputs), "export", "--to", "mlflow", *options, *jobs)
+    names = [Ledger(each).name for each in folders]
+    return review_line(str(destination.outputs), "export", "--to", "mlflow", *options, *names)

@@ -19,7 +19,7 @@ from collections import Counter
 from collections.abc import Iterator, Sequence
 from datetime import datetime
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any
 
 from filelock import FileLock
 
@@ -44,11 +44,9 @@ STATUS = {"done": "FINISHED", "running": "RUNNING", "failed": "FAILED", "paused"
 """What MLflow calls a status; every other one is KILLED."""
 STRANGE = re.compile(r"[^\w.\- /]")
 LONGEST_NAME, LONGEST_PARAM, LONGEST_TAG, LONGEST_DIGEST, LONGEST_INPUT_TAG = 250, 6000, 8000, 16, 500
-MOST_PARAMS, MOST_METRICS = 100, 900
-"""Of one call."""
+MOST_OF_A_CALL = {"tags": 100, "params": 100, "metrics": 900}
 LOOK_S = 2.0
 """Longest wait for a sign of life of a server, s."""
-Item = TypeVar("Item")
 
 
 class Store:
@@ -80,7 +78,16 @@ class Store:
 
     def look_for_server(self) -> None:
         """Raise an OSError where a server gives no sign of life, which it need not be asked for long."""
-        _look_for(self.destination.uri)
+        uri = self.destination.uri
+        if not uri.startswith(("http://", "https://")):
+            return
+        try:
+            urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=LOOK_S).close()
+        except urllib.error.HTTPError:
+            return
+        except OSError as error:
+            why = error.reason if isinstance(error, urllib.error.URLError) else str(error)
+            raise OSError(f"{uri} does not answer ({getattr(why, 'strerror', None) or why})") from None
 
     def send(self, folder: Path, looks: bool = True) -> Counter[str]:
         """Send a run, a job or a whole sweep; return how many are new, updated or unchanged, by these words.
@@ -90,14 +97,14 @@ class Store:
         with FileLock(self.destination.lock):
             if is_sweep(folder):
                 return self._send_sweep(folder, looks)
-            parent = self._send_parent(folder.parent, looks)[1] if is_sweep(folder.parent) else None
-            return Counter([self._send_run(folder, looks, parent)])
+            parent = self._put(read_sweep(folder.parent, looks))[1] if is_sweep(folder.parent) else None
+            return Counter([self._put(read_entry(folder, looks), parent)[0]])
 
     def _send_sweep(self, folder: Path, looks: bool) -> Counter[str]:
         key = key_of(folder)
         if key not in self._sent:
             self._sent |= {run.data.tags[KEY]: run.data.tags.get(STAMP, "") for run in self._search(WITHIN, key)}
-        told, parent = self._send_parent(folder, looks)
+        told, parent = self._put(read_sweep(folder, looks))
         counts = Counter({told: 1})
         for job in list_jobs(folder):
             ledger = Ledger.look(job)
@@ -105,19 +112,13 @@ class Store:
                 continue
             status = live_status(ledger) if looks else ledger.status
             same = self._sent.get(f"{key} {job.name}") == stamp_of(job, status)
-            counts["unchanged" if same else self._send_run(job, looks, parent)] += 1
+            counts["unchanged" if same else self._put(read_entry(job, looks), parent)[0]] += 1
         return counts
 
-    def _send_parent(self, folder: Path, looks: bool) -> tuple[str, str | None]:
-        entry = read_sweep(folder, looks)
-        return ("unchanged", None) if entry is None else self._put(entry, None)
-
-    def _send_run(self, folder: Path, looks: bool, parent: str | None) -> str:
-        entry = read_entry(folder, looks)
-        return "unchanged" if entry is None else self._put(entry, parent)[0]
-
-    def _put(self, entry: Entry, parent: str | None) -> tuple[str, str]:
+    def _put(self, entry: Entry | None, parent: str | None = None) -> tuple[str, str | None]:
         """Make the MLflow run of an entry show it; return whether it is new, updated or unchanged, and its ID."""
+        if entry is None:
+            return "unchanged", None
         run = next(self._search(KEY, entry.key), None)
         self._sent[entry.key] = entry.stamp
         if run is not None and run.data.tags.get(STAMP) == entry.stamp:
@@ -164,12 +165,10 @@ class Store:
             if known.get(_fit(each.name)) != last[_fit(each.name)]
         ]
         logged = [RunTag(key, value) for key, value in tags.items() if run.data.tags.get(key, "") != value]
-        for some_tags in _split(logged, MOST_PARAMS):
-            self.client.log_batch(run.info.run_id, tags=some_tags)
-        for some_params in _split(params, MOST_PARAMS):
-            self.client.log_batch(run.info.run_id, params=some_params)
-        for some_points in _split(points, MOST_METRICS):
-            self.client.log_batch(run.info.run_id, metrics=some_points)
+        batches: dict[str, Any] = {"tags": logged, "params": params, "metrics": points}
+        for kind, items in batches.items():
+            for start in range(0, len(items), MOST_OF_A_CALL[kind]):
+                self.client.log_batch(run.info.run_id, **{kind: items[start : start + MOST_OF_A_CALL[kind]]})
 
     def _log_files(self, number: str, entry: Entry) -> list[str]:
         """Send the files that are not there yet, the ledger last; return those that are too large."""
@@ -220,19 +219,6 @@ class Store:
         return str(found.experiment_id)
 
 
-def _look_for(uri: str) -> None:
-    if not uri.startswith(("http://", "https://")):
-        return
-    try:
-        urllib.request.urlopen(f"{uri.rstrip('/')}/health", timeout=LOOK_S).close()
-    except urllib.error.HTTPError:
-        return
-    except urllib.error.URLError as error:
-        raise OSError(f"{uri} does not answer ({getattr(error.reason, 'strerror', None) or error.reason})") from None
-    except OSError as error:
-        raise OSError(f"{uri} does not answer ({error})") from None
-
-
 def _make_database(path: Path, connect: Any) -> None:
     """Make a store that is whole or absent, as making its tables takes seconds in which this process may be stopped."""
     with tempfile.TemporaryDirectory(dir=path.parent, prefix=".making") as folder:
@@ -278,7 +264,3 @@ def _make_input(dataset: Dataset) -> Any:
 
 def _milliseconds(time: str) -> int:
     return round(datetime.fromisoformat(time).timestamp() * 1000)
-
-
-def _split(items: Sequence[Item], size: int) -> Iterator[Sequence[Item]]:
-    return (items[start : start + size] for start in range(0, len(items), size))
