@@ -32,12 +32,11 @@ from hydra.errors import HydraException
 from omegaconf import DictConfig, OmegaConf
 from omegaconf.errors import OmegaConfBaseException
 
-from pipeline.command import command_line
+from pipeline.command import command_line, put_options_first, read_options
 from pipeline.config_files import read_choices
-from pipeline.errors import ConfigError, PipelineError, suggest
+from pipeline.errors import ConfigError, PipelineError, join_lines, suggest
 from pipeline.files import CONFIG_FOLDER
 from pipeline.interruption import Interrupted, ignore_from_now_on
-from pipeline.options import put_options_first, read_options
 from pipeline.renames import find_today
 from pipeline.terminal import complain
 
@@ -74,7 +73,7 @@ def main() -> int:
             from pipeline.rerun import rerun
 
             begun.append(True)
-            return rerun(typed, CONFIG_FOLDER)
+            return rerun(typed)
         typed = put_options_first(typed)
         sys.argv[1:], found = read_choices(typed, list_groups(typed))
         files.update(found)
@@ -84,7 +83,7 @@ def main() -> int:
             from pipeline.sweeps.sweep import name_sweep, run_sweep
 
             typed, sys.argv[1:] = name_sweep(typed), name_sweep(sys.argv[1:])
-            return run_sweep(read_options(sys.argv[1:]).overrides, typed, CONFIG_FOLDER, options.config_dir, files)
+            return run_sweep(read_options(sys.argv[1:]).overrides, typed, options.config_dir, files)
         if sys.argv[1:] == options.overrides:
             with hydra.initialize_config_dir(str(CONFIG_FOLDER), version_base="1.3"):
                 application: Any = GlobalHydra.instance().hydra
@@ -144,11 +143,9 @@ def explain(error: Exception) -> str:
         wrong = [name for name, value in pairs if value and name in groups and not names.fullmatch(value)]
         name = wrong[0] if wrong else "GROUP"
         return f"{name}: expected the name of a file in conf/{name}/"
-    merged = re.search(r"Error merging override (\S+)", text)
-    if merged and error.__cause__:
+    if (merged := re.search(r"Error merging override (\S+)", text)) and error.__cause__:
         return f"{merged.group(1)}: {str(error.__cause__).splitlines()[0]}"
-    twice = re.search(r"Multiple values for (\S+)\. To override", text)
-    if twice:
+    if twice := re.search(r"Multiple values for (\S+)\. To override", text):
         return f"{twice.group(1)}: an option is chosen already; leave out the +, as in {twice.group(1)}=..."
     unknown = re.search(r"Could not override '([^']+)'", text)
     if unknown and "@" in unknown.group(1):
@@ -160,8 +157,7 @@ def explain(error: Exception) -> str:
     if unknown:
         path = unknown.group(1).removeprefix("+").split("@")[0]
         keys_are_set = any(each.lstrip("+").startswith(f"{path}={{") for each in sys.argv[1:])
-        elsewhere = [] if keys_are_set else _list_workflows_with(path)
-        if elsewhere:
+        if not keys_are_set and (elsewhere := _list_workflows_with(path)):
             return f"{path}: this workflow has no such section; these have: workflow={', '.join(elsewhere)}"
         if path.split(".")[-1] in _known_keys(path):
             return f"{path}: a key that is set in it is not there yet; add it as +{path}.KEY=..."
@@ -174,18 +170,15 @@ def explain(error: Exception) -> str:
         group, _, name = option.group(1).rpartition("/")
         today = find_today("options", f"{group}={name}")
         return f"unknown {group} '{name}': {suggest(name, option.group(2).split(), today)}"
-    unknown_group = re.search(r"Could not (?:override '?([\w/]+)'?\.?\s*No match|find '(\w+)/)", text)
-    if unknown_group:
+    if unknown_group := re.search(r"Could not (?:override '?([\w/]+)'?\.?\s*No match|find '(\w+)/)", text):
         group = unknown_group[1] or unknown_group[2]
         return f"unknown group '{group}': {suggest(group, _known_keys(''), find_today('keys', group))}"
-    lines = [line.strip() for line in text.splitlines() if line.strip()]
-    return "; ".join(lines[:2])
+    return join_lines(text)
 
 
 def _explain_unknown(path: str, known: Mapping[str, object]) -> str:
     """Return what is wrong with a key: the section that is not there, the option without it, or its last word."""
-    today = find_today("keys", path)
-    if today is not None:
+    if today := find_today("keys", path):
         return f"unknown key '{path}': {suggest(path, known, today)}"
     parts = path.split(".")
     for depth in range(1, len(parts)) if not known else ():

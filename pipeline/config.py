@@ -29,14 +29,16 @@ from pydantic import (
 )
 from pydantic.errors import PydanticSchemaGenerationError
 
-from pipeline.errors import ConfigError, suggest
+from pipeline.errors import ConfigError, join_lines, suggest
 from pipeline.files import CONFIG_FOLDER, hash_json
 from pipeline.flat import INCIDENTAL
+from pipeline.printing import shorten
 from pipeline.renames import find_today
-from pipeline.stage import Stage, load_stages, order_stages
+from pipeline.stage import Stage, list_tables, load_stages, order_stages
 
 LONGEST_QUOTE = 80
 LONGEST_SWEEP = 100
+UNKNOWN = ("extra_forbidden", "unexpected_keyword_argument")
 BEGINS_WITH_KEY = r"[\w.]+: "
 
 
@@ -128,7 +130,7 @@ def _check_name(value: Any) -> Any:
         return value
     raise ValueError(
         f"expected a name of at most {LONGEST_SWEEP} letters, digits, _ . - that is no number and not 'latest', "
-        f"as in sweep=night, got {_quote(value)}"
+        f"as in sweep=night, got {shorten(repr(value), LONGEST_QUOTE)}"
     )
 
 
@@ -221,11 +223,9 @@ def read_study(composed: DictConfig) -> tuple[Study, list[Stage]]:
     that the stages do not fit together.
     """
     try:
-        values = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
+        values: Any = OmegaConf.to_container(composed, resolve=True, throw_on_missing=True)
     except OmegaConfBaseException as error:
         raise ConfigError(explain_unresolved(error)) from None
-    if not isinstance(values, dict):
-        raise ConfigError("expected a configuration with keys")
     plain = {str(key): value for key, value in values.items()}
     settings = read_settings(plain)
     stages = order_stages(load_stages(settings.workflow.package, settings.workflow.stages))
@@ -236,10 +236,9 @@ def explain_unresolved(error: OmegaConfBaseException) -> str:
     """Return one line for a value that is missing, or quotes one that is."""
     if isinstance(error, MissingMandatoryValue):
         return f"missing value: set it as {error.full_key}=..."
-    gone = re.search(r"Interpolation key '([^']+)' not found", str(error))
-    if gone:
+    if gone := re.search(r"Interpolation key '([^']+)' not found", str(error)):
         return f"missing key '{gone.group(1)}', which other keys quote; leave it in, or change what quotes it"
-    return "; ".join([line.strip() for line in str(error).splitlines() if line.strip()][:2])
+    return join_lines(str(error))
 
 
 def read_settings(values: Mapping[str, Any]) -> Settings:
@@ -291,16 +290,14 @@ def _check_names(settings: Settings, stages: Sequence[Stage]) -> None:
         raise ConfigError(f"stages: expected at least one, or null for all, got []; choose from: {', '.join(names)}")
     for name in settings.stages or []:
         _check_known(name, names, f"stages: no stage {name!r} in workflow {workflow.name}")
-    columns = {table.name: [*table.columns] for each in stages for table in each.writes}
+    columns = {name: [*table.columns] for name, table in list_tables(stages).items()}
     for name in workflow.headline:
         _check_known(name, columns, f"workflow.headline: no stage of workflow {workflow.name} writes {name!r}")
     for path, table, named in _list_named_columns(workflow):
         if table in columns:
             _check_known(named, columns[table], f"workflow.{path}: table {table} has no column {named!r}")
             continue
-        known = [
-            each.name for stage in load_stages(workflow.package) for each in stage.writes
-        ]  # this study has not all
+        known = list_tables(load_stages(workflow.package))  # this study has not all
         problem = f"workflow.{path.rpartition('.')[0]}.table: no stage of {workflow.package} writes {table!r}"
         _check_known(table, known, problem)
 
@@ -340,8 +337,7 @@ def find_target(path: str) -> type:
     try:
         module = importlib.import_module(module_name)
     except (ImportError, ValueError) as error:
-        today = find_today("targets", path)
-        if today is not None:
+        if today := find_today("targets", path):
             raise ConfigError(f"_target_ {path}: {suggest(path, (), today)}") from None
         raise ConfigError(f"_target_ {path}: cannot import {module_name or path} ({error})") from None
     found = getattr(module, class_name, None)
@@ -361,13 +357,11 @@ def _validate(model: type, values: Any, prefix: tuple[str, ...]) -> Any:
 
 
 def _describe(model: type, error: ValidationError, prefix: tuple[str, ...]) -> str:
-    problems = sorted(
-        error.errors(), key=lambda each: each["type"] not in ("extra_forbidden", "unexpected_keyword_argument")
-    )
+    problems = sorted(error.errors(), key=lambda each: each["type"] not in UNKNOWN)
     first = problems[0]
-    location = [part for part in first["loc"] if part != "__root__"]
+    location = first["loc"]
     path = ".".join(str(part) for part in (*prefix, *location))
-    if first["type"] in ("extra_forbidden", "unexpected_keyword_argument"):
+    if first["type"] in UNKNOWN:
         known = _known_names(model, location[:-1])
         text = f"unknown key '{path}': {suggest(str(location[-1]), known, find_today('keys', path))}"
     elif first["type"] in ("missing", "missing_argument"):
@@ -376,15 +370,11 @@ def _describe(model: type, error: ValidationError, prefix: tuple[str, ...]) -> s
         told = str(first.get("ctx", {}).get("error", first["msg"]))
         text = f"{path}{'.' if re.match(BEGINS_WITH_KEY, told) else ': '}{told}" if path else told
     else:
-        text = f"{path}: {first['msg'][:1].lower()}{first['msg'][1:]}, got {_quote(first['input'])}; "
+        got = shorten(repr(first["input"]), LONGEST_QUOTE)
+        text = f"{path}: {first['msg'][:1].lower()}{first['msg'][1:]}, got {got}; "
         text += _remedy(first, path, any(isinstance(part, int) for part in location))
     text = " ".join(text.splitlines())
     return text if len(problems) == 1 else f"{text} (and {len(problems) - 1} more)"
-
-
-def _quote(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= LONGEST_QUOTE else f"{text[: LONGEST_QUOTE - 3]}..."
 
 
 def _remedy(problem: Any, path: str, in_list: bool) -> str:

@@ -28,18 +28,16 @@ def read_choices(arguments: Sequence[str], groups: Collection[str]) -> tuple[lis
     Out flow the arguments with options in place of files and, by option, the group, the file as typed, and its SHA-256.
     """
     files: dict[str, dict[str, str]] = {}
-    return [_replace(each, groups, files) for each in arguments], files
-
-
-def _replace(argument: str, groups: Collection[str], files: dict[str, dict[str, str]]) -> str:
-    found = OVERRIDE.fullmatch(argument)
-    if not found or found["name"] not in groups:
-        return argument
-    values = [each.strip().strip("'\"") for each in found["value"].split(",")]
-    if not any(each.endswith(SUFFIXES) for each in values):
-        return argument
-    options = [_store(found["name"], each, files) if each.endswith(SUFFIXES) else each for each in values]
-    return f"{found['group']}={','.join(options)}"
+    replaced = list(arguments)
+    for place, argument in enumerate(arguments):
+        found = OVERRIDE.fullmatch(argument)
+        if not found or found["name"] not in groups:
+            continue
+        values = [each.strip().strip("'\"") for each in found["value"].split(",")]
+        if any(each.endswith(SUFFIXES) for each in values):
+            options = [_store(found["name"], each, files) if each.endswith(SUFFIXES) else each for each in values]
+            replaced[place] = f"{found['group']}={','.join(options)}"
+    return replaced, files
 
 
 def _store(group: str, file: str, files: dict[str, dict[str, str]]) -> str:

@@ -35,6 +35,11 @@ class WiringError(PipelineError):
     """The stages of a workflow do not fit together."""
 
 
+def join_lines(text: str, most: int = 2) -> str:
+    """Return the first lines of a text that say anything, as one."""
+    return "; ".join([line.strip() for line in text.splitlines() if line.strip()][:most])
+
+
 def suggest(name: str, known: Iterable[str], today: str | None = None) -> str:
     """Return a phrase that offers the nearest of the known names, or lists them all.
 

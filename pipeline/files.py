@@ -10,7 +10,7 @@ import os
 import shutil
 from collections.abc import Callable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, BinaryIO
 from uuid import uuid4
 
 _PACKAGE = Path(__file__).resolve().parent
@@ -92,6 +92,12 @@ def write_text(path: Path, text: str, final: bool = False) -> None:
 def write_json(path: Path, mapping: Any, final: bool = False) -> None:
     """Write a mapping to `path` atomically, indented, with a final newline."""
     write_text(path, json.dumps(mapping, indent=1, ensure_ascii=False, allow_nan=False) + "\n", final)
+
+
+def read_end(handle: BinaryIO, most: int) -> str:
+    """Return so many bytes at the end of a file, as text."""
+    handle.seek(max(0, handle.seek(0, os.SEEK_END) - most))
+    return handle.read().decode("utf-8", errors="replace")
 
 
 def hash_file(path: Path) -> str:

@@ -33,7 +33,7 @@ from pipeline.ledger import FILE_NAME, Ledger, files_of, now
 from pipeline.plan import Ingredients, Step, decide, find_parts, gather, make_plan, parts_folder
 from pipeline.report import PAGE_NAME, print_headline, try_report, write_report
 from pipeline.runs import Claim, claim, list_ledgers, make_exclusively, sweeps_folder
-from pipeline.stage import Stage
+from pipeline.stage import Stage, list_tables
 from pipeline.sweeps.launch import name_job
 from pipeline.table import measure_file, read_frame
 from pipeline.terminal import complain, open_console, say
@@ -100,8 +100,7 @@ class Runner:
         The exit code is 0 done, 1 a stage failed, 3 paused for a person, 130 Ctrl-C, 143 SIGTERM.
         """
         steps = self._plan()
-        finished = self._finished_run(steps)
-        if finished:
+        if finished := self._finished_run(steps):
             self.follow(finished.folder)
             for step in steps:
                 self._print_step(step)
@@ -249,8 +248,8 @@ class Runner:
         start = time.monotonic()
         context = self._context(stage, ledger, ingredients, signals)
         tables = ledger.folder / "tables"
-        read = [table for each in self.stages for table in each.writes if table.name in stage.reads]
-        frames = {table.name: table.read(tables / f"{table.name}.parquet") for table in read}
+        written = list_tables(self.stages)
+        frames = {name: written[name].read(tables / f"{name}.parquet") for name in stage.reads}
         with self._show_work(stage, context):
             made = stage.function(cfg=self.study.config(stage), ctx=context, **frames)
         made = (made,) if isinstance(made, pd.DataFrame) else made
@@ -328,8 +327,7 @@ class Runner:
         place = parts_folder(ledger, stage, ingredients.parts_fingerprint)
         anew = stage.name in (self.study.settings.stages or [])
         ledgers = [] if place.exists() else [ledger, *list_ledgers(self.outputs)]
-        found = find_parts(stage, ingredients, ledgers, anew)
-        if found is not None:
+        if found := find_parts(stage, ingredients, ledgers, anew):
             left, folder = found
             link_folder(folder, place)
             log.info("%s: goes on with parts of %s", stage.name, left.name)
@@ -354,14 +352,12 @@ class Runner:
         newest = next((each for each in found if each and each.facts["identity"] == self.study.identity), None)
         if newest is None or newest.status != "done":
             return None
-        for step in steps:
-            record = newest.finished(step.stage.name)
-            if (
-                record is None
-                or not decide(step.stage, gather(self.study, step.stage, record["inputs"]), [newest]).source
-            ):
-                return None
-        return newest
+        made = [(step.stage, newest.finished(step.stage.name)) for step in steps]
+        fresh = all(
+            record and decide(stage, gather(self.study, stage, record["inputs"]), [newest]).source
+            for stage, record in made
+        )
+        return newest if fresh else None
 
     def _finish(self, ledger: Ledger, word: str) -> None:
         if not self.console.quiet:
@@ -399,21 +395,15 @@ class Runner:
     def _print_step(self, step: Step) -> None:
         width = max(len(each.name) for each in self.stages)
         colour = {"fresh": "green", "kept": "green", "ran": "cyan", "run": "cyan", "wait": "yellow"}[step.action]
-        self.console.print(
-            f"  {step.stage.name:<{width}}  [{colour}]{step.action:<5}[/]  {step.reason}",
-            soft_wrap=True,
-            highlight=False,
-        )
+        line = f"  {step.stage.name:<{width}}  [{colour}]{step.action:<5}[/]  {step.reason}"
+        self.console.print(line, soft_wrap=True, highlight=False)
 
     def _say(self, text: str) -> None:
         say(text, self.console)
 
 
 def run_study(
-    composed: DictConfig,
-    arguments: list[str],
-    given: Sequence[dict[str, str]] = (),
-    overrides: Sequence[str] = (),
+    composed: DictConfig, arguments: list[str], given: Sequence[dict[str, str]], overrides: Sequence[str]
 ) -> int:
     """Validate a composed configuration, then plan or run it; return the exit code, as `Runner.run` does.
 
@@ -432,7 +422,7 @@ def run_study(
 
 def _read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[str, dict[str, Any]]:
     """Return ``value`` (None without one), ``title``, ``unit``, ``percent`` of each metric whose table the run has."""
-    contracts = {table.name: table for each in stages if ledger.finished(each.name) for table in each.writes}
+    contracts = list_tables(each for each in stages if ledger.finished(each.name))
     found = {}
     for name, metric in study.settings.workflow.metrics.items():
         if metric.table not in contracts:

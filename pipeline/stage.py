@@ -10,7 +10,7 @@ import importlib
 import inspect
 import pkgutil
 import typing
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, fields, is_dataclass, replace
 from functools import wraps
 from typing import Any
@@ -75,21 +75,21 @@ def stage(
             )
         read = [each for each in parameters if each not in ("cfg", "ctx")]
         bundles: dict[str, type] = {each: hints[each] for each in read if is_dataclass(hints.get(each))}
-        defaults: list[tuple[str, Any]] = []
-        for each in read:
-            if each in bundles:
-                defaults += [(field.name, field.default) for field in fields(bundles[each])]
-            else:
-                defaults.append((each, signature[each].default))
-        reads = tuple(table for table, _ in defaults)
+        tables = [one for each in read for one in (fields(bundles[each]) if each in bundles else [signature[each]])]
+        reads = tuple(table.name for table in tables)
         twice = [table for table in reads if reads.count(table) > 1]
         if twice:
             raise WiringError(f"stage {name}: expected each table in one parameter, got {twice[0]} in two")
-        optional = tuple(table for table, default in defaults if default is None)
+        optional = tuple(table.name for table in tables if table.default is None)
         called = _bundle_tables(function, bundles) if bundles else function
         return Stage(name, called, config, reads, writes, optional, preview, stream, extent)
 
     return decorate
+
+
+def list_tables(stages: Iterable[Stage]) -> dict[str, Table]:
+    """Return the contracts of all tables that stages write, by name."""
+    return {table.name: table for each in stages for table in each.writes}
 
 
 def _bundle_tables(function: Callable[..., Any], bundles: Mapping[str, type]) -> Callable[..., Any]:
@@ -170,8 +170,8 @@ def order_stages(stages: Sequence[Stage]) -> list[Stage]:
     ordered: list[Stage] = []
     waiting = list(stages)
     while waiting:
-        awaited = {table.name for each in waiting for table in each.writes}
-        ready = next((each for each in waiting if not awaited & {*each.reads}), None)
+        awaited = list_tables(waiting)
+        ready = next((each for each in waiting if not awaited.keys() & {*each.reads}), None)
         if ready is None:
             raise WiringError(f"stages wait for each other: {', '.join(each.name for each in waiting)}")
         ordered.append(ready)

@@ -28,14 +28,14 @@ from hydra.experimental.callback import Callback
 from hydra.types import HydraContext
 from omegaconf import DictConfig, OmegaConf
 
-from pipeline.command import command_line, review_line
+from pipeline.command import command_line, read_options, review_line
 from pipeline.config import Settings, read_settings
 from pipeline.errors import ConfigError
 from pipeline.failures import list_reasons
+from pipeline.files import CONFIG_FOLDER
 from pipeline.interruption import WORDS
 from pipeline.lease import name_process
 from pipeline.ledger import Ledger
-from pipeline.options import read_options
 from pipeline.printing import format_count
 from pipeline.runs import is_running, live_status, sweeps_folder
 from pipeline.sweeps.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
@@ -62,11 +62,7 @@ def name_sweep(arguments: Sequence[str]) -> list[str]:
 
 
 def run_sweep(
-    overrides: Sequence[str],
-    typed: Sequence[str],
-    config_folder: Path,
-    search_path: str | None,
-    files: Mapping[str, dict[str, str]],
+    overrides: Sequence[str], typed: Sequence[str], search_path: str | None, files: Mapping[str, dict[str, str]]
 ) -> int:
     """Plan a sweep, launch it, and tell what came of it.
 
@@ -76,7 +72,7 @@ def run_sweep(
     overrides_typed = read_options(typed).overrides
     if search_path:
         overrides = [*overrides, f"hydra.searchpath=[file://{Path(search_path).resolve()}]"]
-    base, lists = _expand(overrides, config_folder)
+    base, lists = _expand(overrides)
     settings = read_settings({name: _plain(base[name]) for name in Settings.model_fields if name in base})
     if settings.sweep is None:
         raise ConfigError("sweep: expected a name, as in sweep=night, got null; leave it out for the time of day")
@@ -123,7 +119,7 @@ def run_sweep(
         with following(settings.outputs, settings.tracking) as follow:
             follow(folder)
             with _stopping(launch) as stopped:
-                _supervise(launch, lambda: _launch(launch, base, lists, config_folder), stopped)
+                _supervise(launch, lambda: _launch(launch, base, lists), stopped)
             return _print_end(launch, list(typed), stopped)
     finally:
         lease.release()
@@ -153,7 +149,7 @@ def describe_plan(folder: Path, jobs: Mapping[str, Sequence[str]], on_finished: 
         yield f"  wait  for {counts['running']} that another process has at work"
 
 
-def _expand(overrides: Sequence[str], config_folder: Path) -> tuple[DictConfig, list[list[str]]]:
+def _expand(overrides: Sequence[str]) -> tuple[DictConfig, list[list[str]]]:
     """Return the configuration of the first job, and the overrides of all jobs, of which each can be composed."""
     parser = OverridesParser.create()
     parsed = parser.parse_overrides(list(overrides))
@@ -167,7 +163,7 @@ def _expand(overrides: Sequence[str], config_folder: Path) -> tuple[DictConfig, 
             raise ConfigError(f"{key}: expected values, as in {key}=1,2 or '{key}=range(8)', got {override.input_line}")
     lists = _combine(task)
     GlobalHydra.instance().clear()
-    with hydra.initialize_config_dir(str(config_folder), version_base="1.3"):
+    with hydra.initialize_config_dir(str(CONFIG_FOLDER), version_base="1.3"):
         base = hydra.compose("config", overrides=[*lists[0], *others], return_hydra_config=True)
         chosen = [f"{key}={value}" for key, value in (base.hydra.sweeper.get("params") or {}).items()]
         if chosen:
@@ -214,11 +210,11 @@ def _supervise(launch: Launch, run: Callable[[], None], stopped: list[int]) -> N
     """Have Hydra run the jobs, again where a worker's death took the others with it, or another process had some."""
     deaths = 0
     while True:
-        ended = _count_ended(launch)
+        ended = launch.ended
         try:
             run()
         except BrokenProcessPool:
-            deaths = deaths + 1 if _count_ended(launch) == ended else 1
+            deaths = deaths + 1 if launch.ended == ended else 1
             if stopped or deaths == NO_PROGRESS:
                 return
             say("  a worker process was killed; its jobs begin again, and the sweep goes on")
@@ -232,12 +228,12 @@ def _supervise(launch: Launch, run: Callable[[], None], stopped: list[int]) -> N
             launch.forget(job)
 
 
-def _launch(launch: Launch, base: DictConfig, lists: Sequence[Sequence[str]], config_folder: Path) -> None:
+def _launch(launch: Launch, base: DictConfig, lists: Sequence[Sequence[str]]) -> None:
     """Hand the jobs to the launcher that the configuration of the first one names, as a sweeper of Hydra does."""
     from pipeline.sweeps.job import JobTask
 
     GlobalHydra.instance().clear()
-    with hydra.initialize_config_dir(str(config_folder), version_base="1.3"):
+    with hydra.initialize_config_dir(str(CONFIG_FOLDER), version_base="1.3"):
         context = HydraContext(GlobalHydra.instance().config_loader(), Callback())  # type: ignore[arg-type]
         on_slurm = is_slurm(base.hydra.launcher)
         launcher = Plugins.instance().instantiate_launcher(context, JobTask(launch, watched=on_slurm), base)
@@ -246,10 +242,6 @@ def _launch(launch: Launch, base: DictConfig, lists: Sequence[Sequence[str]], co
             return
         for result in launcher.launch(lists, initial_job_idx=0):
             _ = result.return_value  # raises what a job raised
-
-
-def _count_ended(launch: Launch) -> int:
-    return sum(launch.outcome(job) is not None for job in launch.jobs)
 
 
 @contextmanager
