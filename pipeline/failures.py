@@ -1,9 +1,11 @@
 """Why runs did not get to their end, and what to type so that they do: ledgers, logs and launches flow in, text out."""
 
 import re
+from collections import Counter
 from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
 
+from pipeline.files import read_end
 from pipeline.ledger import Ledger
 from pipeline.sweeps.launch import list_launches
 
@@ -22,8 +24,7 @@ REASONS = {
 
 def describe_reason(ledger: Ledger | None, status: str) -> str:
     """Return in one line why a run is not done."""
-    error = ledger.facts["error"] if ledger else None
-    if error:
+    if ledger and (error := ledger.facts["error"]):
         message = POINTER.sub("", " ".join(str(error.get("message", "-")).split()))
         return f"{error.get('stage', '-')}: {message}"
     return REASONS.get(status, "no reason was noted")
@@ -41,14 +42,10 @@ def read_traceback(folder: Path) -> str:
     """Return the last traceback of a run's last attempt from its log; empty where there is none."""
     try:
         with (folder / "log.txt").open("rb") as handle:
-            handle.seek(0, 2)
-            handle.seek(max(0, handle.tell() - END_OF_LOG))
-            log = handle.read().decode("utf-8", errors="replace")
+            log = read_end(handle, END_OF_LOG)
     except OSError:
         return ""
-    attempts = list(ATTEMPT.finditer(log))
-    if attempts:
-        log = log[attempts[-1].end() :]
+    log = ATTEMPT.split(log)[-1]
     _, mark, rest = log.rpartition("\nTraceback (most recent call last):")
     if not mark:
         return ""
@@ -59,15 +56,12 @@ def read_traceback(folder: Path) -> str:
 def list_commands(sweep: Path, unfinished: Iterable[str]) -> list[tuple[str, int]]:
     """Return what to type to finish a sweep, with how many of the unfinished jobs each command finishes."""
     left = set(unfinished)
-    commands: dict[str, int] = {}
+    commands: Counter[str] = Counter()
     for launch in reversed(list(list_launches(sweep))):
-        of_it = left & {str(job["job"]) for job in launch["jobs"]}
-        if of_it:
-            command = str(launch.get("command", "-"))
-            commands[command] = commands.get(command, 0) + len(of_it)
+        if of_it := left & {str(job["job"]) for job in launch["jobs"]}:
+            commands[str(launch.get("command", "-"))] += len(of_it)
             left -= of_it
     for job in sorted(left):
-        ledger = Ledger.look(sweep / job)
-        if ledger is not None:
+        if ledger := Ledger.look(sweep / job):
             commands[str(ledger.facts["command"])] = 1
     return list(commands.items())

@@ -103,7 +103,15 @@ class Ledger:
             "error": None,
             "metrics": {},
             "git": git_state(),
-            "machine": _describe_machine(),
+            "machine": {
+                "host": platform.node(),
+                "system": platform.platform(),
+                "python": platform.python_version(),
+                "executable": sys.executable,
+                "processor": platform.machine(),
+                "model": _processor_model(),
+                "cores": os.cpu_count(),
+            },
             "stages": {},
         }
         return cls(folder, facts, time.monotonic())
@@ -141,10 +149,14 @@ class Ledger:
         write_json(self.folder / FILE_NAME, self.facts)
 
     @property
+    def sweep(self) -> str:
+        """Name of the sweep that the run is a job of, empty for another run."""
+        return self.folder.parent.name if self.folder.parent.parent.name == "sweeps" else ""
+
+    @property
     def name(self) -> str:
         """Name of the run's folder; for a job of a sweep, with the sweep's."""
-        parent = self.folder.parent
-        return f"{parent.name}/{self.folder.name}" if parent.parent.name == "sweeps" else self.folder.name
+        return "/".join(filter(None, (self.sweep, self.folder.name)))
 
     @property
     def status(self) -> str:
@@ -231,8 +243,12 @@ def peak_memory_mb() -> float | None:
         import resource
     except ImportError:
         return None
-    most = max(resource.getrusage(each).ru_maxrss for each in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN))
-    return round(most * (1e-6 if sys.platform == "darwin" else 1024e-6), 1)
+    return to_mb(max(resource.getrusage(each).ru_maxrss for each in (resource.RUSAGE_SELF, resource.RUSAGE_CHILDREN)))
+
+
+def to_mb(maxrss: float) -> float:
+    """Return in MB what the system says of the largest resident set, which has another unit on another system."""
+    return round(maxrss * (1e-6 if sys.platform == "darwin" else 1024e-6), 1)
 
 
 def _processor_model() -> str | None:
@@ -246,15 +262,3 @@ def _processor_model() -> str | None:
 def now() -> str:
     """Return the present time, UTC, to the second."""
     return datetime.now(UTC).isoformat(timespec="seconds")
-
-
-def _describe_machine() -> dict[str, Any]:
-    return {
-        "host": platform.node(),
-        "system": platform.platform(),
-        "python": platform.python_version(),
-        "executable": sys.executable,
-        "processor": platform.machine(),
-        "model": _processor_model(),
-        "cores": os.cpu_count(),
-    }

@@ -8,9 +8,10 @@ import os
 import signal
 import time
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from datetime import datetime
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import NamedTuple
 
@@ -204,15 +205,9 @@ def _create(outputs: str | Path, identity: str, arguments: list[str]) -> Claim:
     folder.mkdir(parents=True, exist_ok=True)
     stamp = datetime.now().strftime("%Y-%m-%d_%H-%M-%S")
     sequence = _next_sequence(outputs)
-    attempt = 1
-    while True:
+    for attempt in count(1):
         place = folder / (stamp if attempt == 1 else f"{stamp}-{attempt}")
-        try:
+        with suppress(FileExistsError):
             place.mkdir()
             break
-        except FileExistsError:
-            attempt += 1
-    lease = _hold(place)
-    if lease is None:
-        raise TakenError(f"{place}: another process has it at work; try again")
-    return Claim(Ledger.begin(place, identity, sequence, arguments), False, lease)
+    return _take(place, identity, arguments, sequence)

@@ -87,8 +87,7 @@ class Workers:
 def _prepare() -> None:
     """Begin a worker's life: deaf to Ctrl-C, which the terminal sends to all, and no longer than its parent's."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    parent = multiprocessing.parent_process()
-    if parent is not None:
+    if parent := multiprocessing.parent_process():
         threading.Thread(target=_end_with, args=(parent.sentinel,), daemon=True).start()
 
 

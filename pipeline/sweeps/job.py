@@ -68,9 +68,7 @@ class JobTask:
             self.launch.note(job, outcome)
         except (PipelineError, OSError) as error:  # such as a full disk; the others may still find room
             outcome = Outcome("failed", 1, told=str(error))
-        print_outcome(self.launch, job, outcome)
-        if outcome.code and outcome.word != "interrupted" and self.launch.on_failure == "stop":
-            self.launch.ask_to_stop(STOPPED_BY_FAILURE)
+        tell_outcome(self.launch, job, outcome)
         return outcome.code
 
     def _run_if_needed(
@@ -136,8 +134,8 @@ class JobTask:
         return [*self.launch.options, f"sweep={self.launch.sweep.name}", *typed, *others]
 
 
-def print_outcome(launch: Launch, job: str, outcome: Outcome) -> None:
-    """Print the line of a job that ended."""
+def tell_outcome(launch: Launch, job: str, outcome: Outcome) -> None:
+    """Print the line of a job that ended; ask the others to stop if it failed and they are to."""
     from rich.markup import escape
 
     number = launch.jobs.index(job) + 1 if job in launch.jobs else 0
@@ -146,6 +144,8 @@ def print_outcome(launch: Launch, job: str, outcome: Outcome) -> None:
     took = f"{outcome.seconds:7.1f} s" if outcome.seconds else " " * 9
     line = f"  {number:>{width}}/{len(launch.jobs)}  [{colour}]{outcome.word:<11}[/]{took}  "
     open_console().print(line + escape(f"{job}  {outcome.told}".rstrip()), soft_wrap=True, highlight=False)
+    if outcome.code and outcome.word != "interrupted" and launch.on_failure == "stop" and launch.stop is None:
+        launch.ask_to_stop(STOPPED_BY_FAILURE)
 
 
 def _run(runner: Runner) -> int:

@@ -24,8 +24,8 @@ from pipeline.files import write_atomically, write_json
 from pipeline.ledger import Ledger
 from pipeline.printing import format_count
 from pipeline.runs import is_running
-from pipeline.sweeps.job import ELSEWHERE, print_outcome
-from pipeline.sweeps.launch import FOLDER, STOPPED_BY_FAILURE, Launch, Outcome, name_job
+from pipeline.sweeps.job import ELSEWHERE, tell_outcome
+from pipeline.sweeps.launch import FOLDER, Launch, Outcome, name_job
 from pipeline.terminal import say
 
 PLUGIN = "hydra_plugins.hydra_submitit_launcher"
@@ -207,16 +207,14 @@ def _watch(launch: Launch, queued: dict[str, Task], params: Mapping[str, Any]) -
     while queued:
         for task in {each.launch.name: each for each in queued.values()}.values():
             for job in task.launch.ended & {job for job, each in queued.items() if each.launch == task.launch}:
-                outcome = task.launch.outcome(job)
-                if outcome is not None:
+                if outcome := task.launch.outcome(job):
                     _end(launch, job, outcome)
                     del queued[job]
         if launch.stop is not None and not stopped:
             stopped = True
             _stop(launch, queued)
         if queued and time.monotonic() - asked_s >= ASK_S:
-            present = _list_queue()
-            if present is not None:
+            if (present := _list_queue()) is not None:
                 gone = {job for job, task in queued.items() if task.name not in present}
                 _tell_gone(launch, {job: queued[job] for job in gone & missed}, params, queued)
                 missed = gone
@@ -226,9 +224,7 @@ def _watch(launch: Launch, queued: dict[str, Task], params: Mapping[str, Any]) -
 
 def _end(launch: Launch, job: str, outcome: Outcome) -> None:
     launch.note(job, outcome)
-    print_outcome(launch, job, outcome)
-    if outcome.code and outcome.word != "interrupted" and launch.on_failure == "stop" and launch.stop is None:
-        launch.ask_to_stop(STOPPED_BY_FAILURE)
+    tell_outcome(launch, job, outcome)
 
 
 def _stop(launch: Launch, queued: Mapping[str, Task]) -> None:
@@ -279,8 +275,7 @@ def _last_line(task: Task) -> str:
     """Return the end of what a job printed to Slurm's log, and where that is."""
     path = task.launch.folder / LOGS / f"{task.name}_0_log.err"
     with suppress(OSError):
-        lines = path.read_text(encoding="utf-8", errors="replace").strip().splitlines()
-        if lines:
+        if lines := path.read_text(encoding="utf-8", errors="replace").strip().splitlines():
             return f"{lines[-1]}; log: {path}"
     return f"log: {path}"
 
@@ -288,9 +283,7 @@ def _last_line(task: Task) -> str:
 def _list_queue() -> set[str] | None:
     """Return Slurm's names of this person's jobs that wait or run, or None where Slurm does not answer."""
     answer = _ask("squeue", "--noheader", "--array", "--me", "--format=%i|%F_%K")
-    if answer is None:
-        return None
-    return {name for line in answer.splitlines() for name in line.split("|")}
+    return None if answer is None else {name for line in answer.splitlines() for name in line.split("|")}
 
 
 def _list_ended(names: Sequence[str]) -> dict[str, tuple[str, str]]:

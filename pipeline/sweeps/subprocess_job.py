@@ -16,6 +16,9 @@ from dataclasses import dataclass
 from functools import cache
 from typing import NoReturn
 
+from pipeline.files import read_end
+from pipeline.ledger import to_mb
+
 SOONEST_S, LATEST_S = 0.002, 0.05
 """Between two looks at the process, s: short at first, so that a short one costs little."""
 ASK_S = 0.5
@@ -71,13 +74,10 @@ def run_in_subprocess(work: Callable[[], int], wants_stop: Callable[[], bool], f
             time.sleep(wait_s)
             wait_s = min(1.2 * wait_s, LATEST_S)
         seconds = time.monotonic() - begun
-        size = printed.seek(0, os.SEEK_END)
-        printed.seek(max(size - QUOTED, 0))
-        output = printed.read().decode(errors="replace")
+        output = read_end(printed, QUOTED)
     killed = os.WTERMSIG(status) if os.WIFSIGNALED(status) else None
     code = 128 + killed if killed else os.waitstatus_to_exitcode(status)
-    to_mb = 1e-6 if sys.platform == "darwin" else 1024e-6
-    return Ending(code, killed, round(seconds, 3), round(usage.ru_maxrss * to_mb, 1), output)
+    return Ending(code, killed, round(seconds, 3), to_mb(usage.ru_maxrss), output)
 
 
 @cache

@@ -23,7 +23,7 @@ from pipeline.sweeps.launch import is_meaningful, list_launches
 
 FILE_NAME = "sweep.parquet"
 UNITS = {"wall_s": {"unit": "s"}, "peak_memory_mb": {"unit": "MB"}}
-OWN = ("job", "status", "wall_s", "peak_memory_mb", "stage", "error", "commit", "started", "ended")
+LAST = ("wall_s", "peak_memory_mb", "stage", "error", "commit", "started", "ended")
 
 
 def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, dict[str, str]]]:
@@ -44,8 +44,7 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, dict[str, str]]]
         ledger = Ledger.read(sweep / job) if job in found else None  # one at a time, as they may be thousands
         values = split_overrides(overrides.get(job) or job.split(","))
         axes.update(dict.fromkeys(values))
-        facts = ledger.facts if ledger else {}
-        measured = ledger.metrics if ledger else {}
+        facts, measured = (ledger.facts, ledger.metrics) if ledger else ({}, {})
         metrics.update({name: _describe_metric(each) for name, each in measured.items()})
         error = facts.get("error") or {}
         absent = "not begun" if job in overrides else "no ledger"
@@ -64,8 +63,7 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, dict[str, str]]]
                 "ended": facts.get("ended"),
             }
         )
-    first, last = OWN[:1], OWN[2:]
-    order = [*first, *(each for each in axes if each not in metrics), "status", *metrics, *last]
+    order = ["job", *(each for each in axes if each not in metrics), "status", *metrics, *LAST]
     frame = pd.DataFrame(rows, columns=list(dict.fromkeys(order)))
     numbers = [name for name in (*metrics, *UNITS) if not any(isinstance(each, str) for each in frame[name])]
     frame[numbers] = frame[numbers].astype(float)

@@ -14,6 +14,7 @@ from pathlib import Path
 
 from pipeline.command import review_line
 from pipeline.config import Tracking, read_tracking
+from pipeline.files import read_end
 from pipeline.ledger import Ledger
 from pipeline.terminal import complain, say
 from pipeline.tracking.destination import Destination, find_destination
@@ -53,9 +54,7 @@ def following(outputs: str, tracking: Tracking | None) -> Iterator[Callable[[Pat
         finally:
             reason = _wait(process, tracking.within_s)
             if reason is None:
-                size = errors.seek(0, 2)
-                errors.seek(max(0, size - 4000))
-                reason = (errors.read().decode(errors="replace").strip().splitlines() or ["no reason was given"])[-1]
+                reason = (read_end(errors, 4000).strip().splitlines() or ["no reason was given"])[-1]
     if process.returncode == 0:
         say(f"sent to MLflow; to look at it: {destination.look()}")
     else:

@@ -201,8 +201,7 @@ class Store:
         while True:
             found = self.client.search_runs([self.experiment], f"tags.`{tag}` = '{told}'", page_token=token)
             yield from found
-            token = found.token
-            if not token:
+            if not (token := found.token):
                 return
 
     def _find_experiment(self) -> str:
@@ -211,9 +210,8 @@ class Store:
         if found is None:
             database = self.destination.database
             place = (database.absolute().parent / "artifacts").as_uri() if database else None
-            return str(
-                self.client.create_experiment(name, place, {"mlflow.experimentKind": "custom_model_development"})
-            )
+            kind = {"mlflow.experimentKind": "custom_model_development"}
+            return str(self.client.create_experiment(name, place, kind))
         if found.lifecycle_stage != "active":
             raise PipelineError(f"experiment {name} was deleted in MLflow; restore it there, or choose another")
         return str(found.experiment_id)
