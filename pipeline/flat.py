@@ -1,8 +1,10 @@
 """Configurations as flat mappings of dotted keys: nested values flow in, what tells runs apart flows out."""
 
 import json
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from typing import Any
+
+from pydantic import BaseModel
 
 ABSENT = "absent"
 INCIDENTAL = ("plan", "workers", "figures", "outputs", "sweep", "on_failure", "on_finished", "interface", "tracking")
@@ -27,6 +29,16 @@ def flatten(values: Any, path: str = "", form: Callable[[Any], str] | None = Non
         for name, value in pairs
         for key, text in flatten(value, f"{path}.{name}" if path else str(name), form).items()
     }
+
+
+def walk(values: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """Yield the dotted key and the value of all that is neither a section (a mapping or a model) nor a list."""
+    if isinstance(values, BaseModel | Mapping | list | tuple):
+        pairs = enumerate(values) if isinstance(values, list | tuple) else dict(values).items()
+        for name, each in pairs:
+            yield from walk(each, f"{path}.{name}" if path else str(name))
+    else:
+        yield path, values
 
 
 def show(value: Any) -> str:

@@ -7,7 +7,6 @@ other bytes at the same path are another study's.
 from __future__ import annotations
 
 import json
-from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +15,7 @@ from pydantic_core import CoreSchema, core_schema
 
 from pipeline.errors import InputError, PipelineError
 from pipeline.files import hash_file
+from pipeline.flat import walk
 
 
 class InputPath(str):
@@ -51,8 +51,8 @@ class InputPath(str):
 def hash_inputs(config: BaseModel) -> dict[str, str]:
     """Return the hash of every file that a stage's configuration names, by key and file name."""
     hashes = {}
-    for key, path in _find_paths(dict(config), ""):
-        for file in path.files:
+    for key, path in walk(config):
+        for file in path.files if isinstance(path, InputPath) else ():
             try:
                 hashes[f"{key}/{file.name}"] = hash_file(file)
             except OSError as error:
@@ -68,12 +68,3 @@ def read_json(path: Path) -> Any:
         raise InputError(f"{path}: expected JSON, got {error.msg} in line {error.lineno}") from None
     except (OSError, UnicodeDecodeError, RecursionError) as error:
         raise InputError(f"{path}: cannot be read ({error})") from None
-
-
-def _find_paths(value: Any, key: str) -> Iterator[tuple[str, InputPath]]:
-    if isinstance(value, InputPath):
-        yield key, value
-    elif isinstance(value, BaseModel | Mapping | list | tuple):
-        pairs = enumerate(value) if isinstance(value, list | tuple) else dict(value).items()
-        for name, each in pairs:
-            yield from _find_paths(each, f"{key}.{name}" if key else str(name))

@@ -38,7 +38,7 @@ from pipeline.review.kept import (
     read_surroundings,
     read_whole_table,
 )
-from pipeline.runs import find_run, list_ledgers, live_status, sweeps_folder
+from pipeline.runs import find_run, list_ledgers, live_status
 from pipeline.terminal import say
 
 COLUMNS_OF_A_TERMINAL = 6
@@ -241,21 +241,20 @@ class Comparison:
         ]
 
     def _compare_table(self, name: str) -> Difference | None:
-        kept = [list_tables(each).get(name) for each in self.ledgers]
-        having = [index for index, facts in enumerate(kept) if facts]
+        runs = dict(zip(self.labels, self.ledgers, strict=True))
+        having = {label: each for label, each in runs.items() if name in list_tables(each)}
         if len(having) < 2:
             return None
-        if len({facts["sha256"] for facts in kept if facts}) == 1:
+        if len({list_tables(each)[name]["sha256"] for each in having.values()}) == 1:
             return Difference(name, "the same to the byte in all runs that have it")
-        read = {index: found for index in having if (found := read_whole_table(self.ledgers[index], name))}
+        read = {label: found for label, each in having.items() if (found := read_whole_table(each, name))}
         if len(read) < 2:
             return Difference(name, "cannot be read in all runs but one")
-        frames = {index: found[0] for index, found in read.items()}
-        labels = {index: self.labels[index] for index in frames}
+        frames = {label: frame for label, (frame, _, _) in read.items()}
         if all(is_prose(each) for each in frames.values()):
-            return Difference(name, "sentences, and the runs that have them", _compare_prose(frames, labels))
+            return Difference(name, "sentences, and the runs that have them", _compare_prose(frames))
         units = {key: unit for _, found, _ in read.values() for key, unit in found.items()}
-        return Difference(name, *_compare_rows(frames, labels, units))
+        return Difference(name, *_compare_rows(frames, units))
 
     def _keys(self, flat: Sequence[Mapping[str, str]]) -> list[str]:
         return [*dict.fromkeys(key for each in flat for key in each)] if self.everything else list_differences(flat)
@@ -298,49 +297,36 @@ def _begin(key: str, depth: int) -> str:
 def _choose_runs(outputs: str, names: Sequence[str]) -> tuple[Ledger, ...]:
     """Return the runs of these names, two or more; of a sweep, all jobs that are done."""
     ledgers = list_ledgers(outputs)
-    place = sweeps_folder(outputs)
-    sweeps: dict[str, list[Ledger]] = {}
-    for each in ledgers:
-        if each.folder.parent.parent == place:
-            sweeps.setdefault(each.folder.parent.name, []).append(each)
-    known = {each.name for each in ledgers}
+    known, sweeps = {each.name for each in ledgers}, {each.sweep for each in ledgers if each.sweep}
     chosen: dict[str, Ledger] = {}
     for name in names:
         bare = name.rstrip("/")
         if bare in sweeps and bare not in known:
-            done = sorted((each for each in sweeps[bare] if each.status == "done"), key=lambda each: each.name)
-            if not done:
+            jobs = [each for each in ledgers if each.sweep == bare and each.status == "done"]
+            if not jobs:
                 raise ConfigError(f"sweep '{bare}' has no job that is done; see {review_line(outputs, 'sweep', bare)}")
-            chosen.update({each.name: each for each in done})
-            continue
-        begun = [each for each in known if each.startswith(bare)]
-        if ledgers and bare != "latest" and not begun:
+        elif ledgers and bare != "latest" and not any(each.startswith(bare) for each in known):
             raise ConfigError(f"no run or sweep '{name}' in {outputs}; {suggest(bare, [*known, *sweeps, 'latest'])}")
-        ledger = find_run(outputs, bare)
-        chosen[ledger.name] = ledger
+        else:
+            jobs = [find_run(outputs, bare)]
+        chosen.update({each.name: each for each in sorted(jobs, key=lambda each: each.name)})
     if len(chosen) < 2:
         raise ConfigError(f"compare: expected two runs or more, or a sweep with as many done, got {', '.join(chosen)}")
     return tuple(chosen.values())
 
 
-def _compare_prose(frames: Mapping[int, pd.DataFrame], labels: Mapping[int, str]) -> pd.DataFrame:
-    sentences = {index: dict.fromkeys(map(str, frame.iloc[:, 0])) for index, frame in frames.items()}
-    every = dict.fromkeys(sentence for each in sentences.values() for sentence in each)
-    rows = [
-        [sentence, *("yes" if sentence in sentences[index] else "-" for index in frames)]
-        for sentence in every
-        if not all(sentence in each for each in sentences.values())
-    ]
-    return pd.DataFrame(rows[:MOST_ROWS], columns=["sentence", *labels.values()])
+def _compare_prose(frames: Mapping[str, pd.DataFrame]) -> pd.DataFrame:
+    sentences = [dict.fromkeys(map(str, frame.iloc[:, 0])) for frame in frames.values()]
+    every = dict.fromkeys(sentence for each in sentences for sentence in each)
+    rows = [[sentence, *("yes" if sentence in each else "-" for each in sentences)] for sentence in every]
+    return pd.DataFrame([row for row in rows if "-" in row[1:]][:MOST_ROWS], columns=["sentence", *frames])
 
 
-def _compare_rows(
-    frames: Mapping[int, pd.DataFrame], labels: Mapping[int, str], units: Mapping[str, str]
-) -> tuple[str, pd.DataFrame]:
+def _compare_rows(frames: Mapping[str, pd.DataFrame], units: Mapping[str, str]) -> tuple[str, pd.DataFrame]:
     columns = [name for name in next(iter(frames.values())).columns if all(name in each for each in frames.values())]
     key = _find_key([frame[columns] for frame in frames.values()])
     if key is None:
-        counts = ", ".join(f"{len(frame)} in {labels[index]}" for index, frame in frames.items())
+        counts = ", ".join(f"{len(frame)} in {label}" for label, frame in frames.items())
         return f"no columns name a row, so that rows cannot be compared ({counts})", pd.DataFrame()
     rest = [name for name in columns if name not in key]
     indexed: list[dict[tuple[Any, ...], tuple[Any, ...]]] = []
@@ -356,7 +342,7 @@ def _compare_rows(
             if len({repr(value) for value in values}) > 1:
                 change = [_format_change(*values)] if len(values) == 2 else []
                 rows.append([*row, add_unit(name, units.get(name, "1")), *map(format_value, values), *change])
-    heads = [*key, "column", *labels.values(), *(["change"] if len(frames) == 2 else [])]
+    heads = [*key, "column", *frames, *(["change"] if len(frames) == 2 else [])]
     if not common:
         return f"no row is in all runs; {format_count(alone, 'row is', 'rows are')} in some alone", pd.DataFrame()
     some = f"{format_count(len(common), 'row')} that all have"

@@ -16,7 +16,7 @@ import pandas as pd
 from pipeline.flat import is_incidental, is_seed, list_differences
 from pipeline.ledger import Ledger
 from pipeline.printing import add_unit, join_some, shorten
-from pipeline.review.kept import list_tables, read_whole_table
+from pipeline.review.kept import list_tables, read_whole_table, read_workflow
 from pipeline.sweeps.sweep_table import split_overrides
 
 if TYPE_CHECKING:
@@ -82,9 +82,7 @@ def make_curves(
     declared: dict[str, Curve] = {}
     complaints = []
     for config in nested:
-        workflow = config.get("workflow")
-        found = workflow.get("curves") if isinstance(workflow, dict) else None
-        for name, values in (found if isinstance(found, dict) else {}).items():
+        for name, values in read_workflow(config, "curves", dict).items():
             try:
                 declared.setdefault(str(name), Curve.model_validate(values))
             except ValidationError:

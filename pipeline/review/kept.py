@@ -1,8 +1,9 @@
 """What a run's folder keeps of it beside the ledger, to look at: a folder flows in, mappings, frames flow out."""
 
 import re
+from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 import pandas as pd
 
@@ -10,6 +11,8 @@ from pipeline.errors import TableError
 from pipeline.ledger import Ledger
 from pipeline.printing import SHOWN, show_percent
 from pipeline.renames import rename
+
+Kind = TypeVar("Kind")
 
 
 def read_config(folder: Path) -> dict[str, Any]:
@@ -36,11 +39,16 @@ def read_slices(ledger: Ledger) -> dict[str, Any]:
     return {name: section for record in ledger.records.values() for name, section in record["config"].items()}
 
 
-def list_headlines(config: dict[str, Any]) -> list[str]:
-    """Return the names of the tables that a run's workflow wants seen first."""
+def read_workflow(config: Mapping[str, Any], key: str, kind: type[Kind]) -> Kind:
+    """Return what a run's workflow says under a key, of a kind; empty where it says nothing of this kind."""
     workflow = config.get("workflow")
-    names = workflow.get("headline") if isinstance(workflow, dict) else None
-    return [str(each) for each in names] if isinstance(names, list) else []
+    found = workflow.get(key) if isinstance(workflow, dict) else None
+    return found if isinstance(found, kind) else kind()
+
+
+def list_headlines(config: Mapping[str, Any]) -> list[str]:
+    """Return the names of the tables that a run's workflow wants seen first."""
+    return [str(each) for each in read_workflow(config, "headline", list)]
 
 
 def list_tables(ledger: Ledger) -> dict[str, dict[str, Any]]:

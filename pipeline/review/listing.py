@@ -54,14 +54,12 @@ def _list_everything(outputs: str, with_jobs: bool, keys: Sequence[str]) -> pd.D
         if folder.parent.parent == sweeps and not with_jobs:
             together.setdefault(folder.parent, []).append(folder)
         else:
-            rows.append(_describe(folder, ledgers[folder], folder.parent.parent == sweeps))
+            rows.append(_describe(folder, ledgers[folder]))
     rows.extend(_summarise(sweep, [(job, ledgers[job]) for job in jobs]) for sweep, jobs in together.items())
     rows.sort(key=lambda row: row["age"], reverse=True)
     frame = pd.DataFrame(rows, columns=[*COLUMNS, "found"])
     frame["wall_s"] = frame["wall_s"].astype(float)
-    for key in keys:
-        if key in COLUMNS:
-            continue
+    for key in [each for each in keys if each not in COLUMNS]:
         values = [_look_up(found, key) for found in frame["found"]]
         if all(value is None for value in values):
             offered = _suggest(key, [ledger for found in frame["found"] for ledger in found])
@@ -70,8 +68,8 @@ def _list_everything(outputs: str, with_jobs: bool, keys: Sequence[str]) -> pd.D
     return frame
 
 
-def _describe(folder: Path, ledger: Ledger | None, is_job: bool) -> dict[str, Any]:
-    name = f"{folder.parent.name}/{folder.name}" if is_job else folder.name
+def _describe(folder: Path, ledger: Ledger | None) -> dict[str, Any]:
+    name = Ledger(folder).name
     if ledger is None:
         return {"run": name, "status": describe_status(folder, None), "age": (-1, name), "found": []}
     done = sum(ledger.finished(each) is not None for each in ledger.records)
@@ -112,9 +110,8 @@ def _look_up(ledgers: Iterable[Ledger], key: str) -> Any:
 
 
 def _look_up_one(ledger: Ledger, key: str) -> Any:
-    metric = ledger.metrics.get(key)
-    if metric is not None:
-        return metric["value"]
+    if key in ledger.metrics:
+        return ledger.metrics[key]["value"]
     for record in ledger.records.values():
         node: Any = record["config"]
         for part in key.split("."):

@@ -20,6 +20,7 @@ from rich.console import Console
 from rich.filesize import decimal
 
 from pipeline.config import find_target
+from pipeline.flat import walk
 from pipeline.ledger import Ledger
 from pipeline.printing import format_count
 from pipeline.review.kept import read_yaml
@@ -192,21 +193,14 @@ def _find_named(
     ledger = Ledger.look(run)
     facts = ledger.facts if ledger else {}
     starts = {os.getcwd(), str(facts.get("directory") or os.getcwd())}
-    for text in {*_walk_texts(facts.get("given")), *_walk_texts(read_yaml(run / "config.yaml"))}:
+    held = walk([facts.get("given"), read_yaml(run / "config.yaml")])
+    for text in {each for _, each in held if isinstance(each, str)}:
         parts = Path(text).parts
         pairs = [*pairwise(parts), *(("runs", part) for part in parts)]
         yield from ((text, ends[pair]) for pair in pairs if pair in ends)
         for path in [Path(os.path.normpath(os.path.join(start, text))) for start in starts if text]:
             found = [str(each) for each in (path, *path.parents)] if os.path.lexists(path) else []
             yield from ((text, places[each]) for each in found if each in places)
-
-
-def _walk_texts(value: Any) -> Iterator[str]:
-    if isinstance(value, str):
-        yield value
-    elif isinstance(value, dict | list):
-        for each in value.values() if isinstance(value, dict) else value:
-            yield from _walk_texts(each)
 
 
 def _hide(unit: Unit) -> Path:

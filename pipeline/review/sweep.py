@@ -22,7 +22,7 @@ from pipeline.page import (
     show_traceback,
     write_page,
 )
-from pipeline.printing import format_count, is_prose, join_some, print_frame
+from pipeline.printing import add_unit, format_count, is_prose, join_some, print_frame
 from pipeline.review.compare import Comparison
 from pipeline.review.kept import list_headlines, list_tables, read_config, read_whole_table
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
@@ -56,7 +56,8 @@ def review(options: argparse.Namespace, console: Console) -> None:
     table = found.table(options.all).loc[chosen.index]
     if options.all:
         table = table.drop(columns="error")
-    print_frame("Jobs", table.rename(columns=found.head), console, options.rows, "--rows")
+    heads = {name: add_unit(name, unit) for name, unit in found.units.items()}
+    print_frame("Jobs", table.rename(columns=heads), console, options.rows, "--rows")
     for line in list_reasons(found.folder, found.failed):
         say(line, console)
     left = len(found.unfinished)
@@ -88,8 +89,7 @@ def _write_page(sweep: Sweep) -> None:
     jobs = sweep.frame["job"][sweep.frame["started"].notna()]
     done = [job for job in jobs if job not in sweep.unfinished]
     launches = [*list_launches(sweep.folder)][-MOST_COMMANDS:]
-    commands = [str(each.get("command", "-")) for each in launches]
-    shown: list[Block] = [("command", each) for each in commands]
+    shown: list[Block] = [("command", str(each.get("command", "-"))) for each in launches]
     told = describe_extremes(sweep)
     typed = launches[-1].get("arguments") if launches else None
     more: list[Block] = []

@@ -11,7 +11,7 @@ import pandas as pd
 from pipeline.command import command_line
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import is_seed
-from pipeline.printing import SHOWN, add_unit, format_value, show_percent
+from pipeline.printing import SHOWN, format_value, show_percent
 from pipeline.review.curves import half_width
 from pipeline.review.selection import order_of
 from pipeline.runs import list_folders, list_ledgers, sweeps_folder
@@ -101,18 +101,9 @@ class Sweep:
             telling.insert(0, "job")
         return frame[[each for each in telling if not frame[each].isna().all()]]
 
-    def head(self, column: str) -> str:
-        """Return a column's heading with its unit."""
-        return add_unit(column, self.units.get(column, "1"))
-
     def title(self, metric: str) -> str:
         """Return what a metric is called in words."""
         return self.described.get(metric, {}).get("title", metric)
-
-    def unit(self, metric: str) -> str:
-        """Return what stands behind a value of a metric."""
-        unit = self.units.get(metric, "1")
-        return "" if unit == "1" else f" {unit}"
 
     def points(self, metric: str) -> pd.DataFrame:
         """Return the jobs that have a metric as a number: it as it is to be read as ``value``, each axis as text."""
@@ -129,7 +120,7 @@ def describe_extremes(sweep: Sweep) -> list[str]:
     """
     sentences = []
     for metric in reversed(sweep.metrics) if sweep.axes else []:
-        key = sweep.axes[0]
+        key, unit = sweep.axes[0], f" {sweep.units.get(metric, '1')}".removesuffix(" 1")
         points = sweep.points(metric)
         found = points.groupby(key)["value"].agg(["mean", "std", "count"])
         if len(found) < 2 or found["mean"].nunique() < 2:
@@ -142,7 +133,7 @@ def describe_extremes(sweep: Sweep) -> list[str]:
         told = []
         for value, row in found.loc[[found["mean"].idxmin(), found["mean"].idxmax()]].iterrows():
             half = "" if np.isnan(row["half"]) else f" ± {row['half']:.2g}"
-            told.append(f"with {key}={value}, {row['mean']:.3g}{half}{sweep.unit(metric)}")
+            told.append(f"with {key}={value}, {row['mean']:.3g}{half}{unit}")
         sentences.append(f"{sweep.title(metric)} is least {told[0]}, and most {told[1]}: {doubt}.")
     if sentences:
         sentences.append("Means over jobs, with half of the mean's 95 % interval (t) where jobs repeat.")
@@ -163,11 +154,10 @@ def compare_values(points: pd.DataFrame, key: str) -> tuple[float, str]:
         if blocks > 1 and np.isfinite(crossed).all():
             left = crossed - crossed.mean(axis=0) - crossed.mean(axis=1, keepdims=True) + crossed.mean()
             between = blocks * crossed.mean(axis=0).var() * values / (values - 1)
-            within = (left**2).sum() / ((values - 1) * (blocks - 1))
-            ratio = between / within if within > 0 else np.inf
-            return float(
-                f.sf(ratio, values - 1, (values - 1) * (blocks - 1))
-            ), f"analysis of variance within the same {' and '.join(others)}"
+            freedom = (values - 1) * (blocks - 1)
+            within = (left**2).sum() / freedom
+            p = f.sf(between / within if within > 0 else np.inf, values - 1, freedom)
+            return float(p), f"analysis of variance within the same {' and '.join(others)}"
     grouped = [values.to_numpy() for _, values in points.groupby(key)["value"]]
     return float(f_oneway(*grouped).pvalue), "one-way analysis of variance"
 
@@ -180,10 +170,10 @@ def propose_seeds(sweep: Sweep, arguments: Sequence[str]) -> str:
     key = next(iter(sweep.seeds), "seed")
     known = sweep.varying.get(key, [])
     count = 2 * len(known) or 8
+    typed = list(arguments)
     if {*known} <= {str(each) for each in range(count)}:
-        kept = [each for each in arguments if each.partition("=")[0] != key]
-        return f"{told} {command_line([*kept, f'{key}=range({count})'])}"
-    return f"{told} {command_line(list(arguments))}"
+        typed = [*(each for each in arguments if each.partition("=")[0] != key), f"{key}=range({count})"]
+    return f"{told} {command_line(typed)}"
 
 
 def find_sweep(outputs: str | Path, name: str) -> Sweep:

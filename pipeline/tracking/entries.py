@@ -24,7 +24,7 @@ from pipeline.ledger import FILE_NAME, Ledger, files_of
 from pipeline.printing import format_value, show_metric
 from pipeline.report import PAGE_NAME
 from pipeline.review.curves import average_repeats, split_series
-from pipeline.review.kept import list_tables, read_config
+from pipeline.review.kept import list_tables, read_config, read_workflow
 from pipeline.runs import live_status
 from pipeline.sweeps.launch import FACTS, FOLDER, list_launches
 from pipeline.table import read_frame
@@ -176,14 +176,14 @@ def read_sweep(folder: Path, looks: bool = True) -> Entry | None:
 
 
 def _list_tags(ledger: Ledger, config: dict[str, Any], status: str) -> dict[str, str]:
-    facts, workflow = ledger.facts, config.get("workflow") or {}
+    facts = ledger.facts
     error = facts.get("error") or {}
     words = {name: each["value"] for name, each in ledger.metrics.items() if isinstance(each["value"], str)}
     tags = {
         "status": status,
         "command": facts["command"],
         "kind": "job" if is_sweep(ledger.folder.parent) else "run",
-        "workflow": str(workflow.get("name") or ""),
+        "workflow": read_workflow(config, "name", str),
         "identity": facts["identity"][:16],
         "error": f"{error['stage']}: {error['message']}" if error else "",
         **_list_origin(ledger),
@@ -225,10 +225,8 @@ def _list_series(ledger: Ledger, config: dict[str, Any]) -> Iterator[Point]:
 
     Where values of x are no whole numbers, steps count them.
     """
-    workflow = config.get("workflow")
-    declared = workflow.get("curves") if isinstance(workflow, dict) else None
     made = {name: record for record in ledger.records.values() for name in record["tables"] if record.get("ended")}
-    for name, values in (declared if isinstance(declared, dict) else {}).items():
+    for name, values in read_workflow(config, "curves", dict).items():
         try:
             curve = Curve.model_validate(values)
             if curve.table not in made:
