@@ -265,27 +265,25 @@ class Context:
 
         YAML begins with the comments, such as the package that its keys belong to.
         """
-        path = self.folder / "documents" / f"{name}.{form}"
         if form == "json":
-            write_json(path, mapping, final=True)
+            self._keep(f"documents/{name}.json", write_json, mapping)
         else:
             from omegaconf import OmegaConf
 
             text = OmegaConf.to_yaml(OmegaConf.create(dict(mapping)))
-            write_text(path, "".join(f"# {line}\n" for line in comments) + text, final=True)
-        self._note(path, kind="document")
+            self._keep(f"documents/{name}.yaml", write_text, "".join(f"# {line}\n" for line in comments) + text)
 
     def source(self, name: str, text: str) -> None:
         """Keep a Python file as ``documents/NAME.py``."""
-        path = self.folder / "documents" / f"{name}.py"
-        write_text(path, text, final=True)
-        self._note(path, kind="document")
+        self._keep(f"documents/{name}.py", write_text, text)
 
     def verdict(self, mapping: Mapping[str, Any]) -> None:
         """Keep what a workflow came to as ``verdict.json``, beside the run's tables."""
-        path = self.folder / "verdict.json"
-        write_json(path, mapping, final=True)
-        self._note(path, kind="document")
+        self._keep("verdict.json", write_json, mapping)
+
+    def _keep(self, name: str, write: Callable[..., None], content: Any) -> None:
+        write(self.folder / name, content, final=True)
+        self._note(self.folder / name, kind="document")
 
     def _note(self, path: Path, **facts: str) -> None:
         name = path.relative_to(self.folder).as_posix()

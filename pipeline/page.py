@@ -90,13 +90,9 @@ def _environment() -> Environment:
         "split_command": split_command,
         "unbroken": lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%"),
         "exact": lambda value: "" if value is None or value != value else repr(float(value)),
-        "base64": _encode,
+        "base64": lambda png: base64.b64encode(png).decode(),
     }
     return environment
-
-
-def _encode(png: bytes) -> str:
-    return base64.b64encode(png).decode()
 
 
 def make_grid(

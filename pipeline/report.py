@@ -39,7 +39,7 @@ from pipeline.printing import (
     print_sentences,
     show_metric,
 )
-from pipeline.stage import Stage
+from pipeline.stage import Stage, list_tables
 from pipeline.table import TITLES, Table, read_frame
 
 log = logging.getLogger("pamid")
@@ -90,7 +90,7 @@ def try_report(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> Path | 
 
 def headline_tables(study: Study, stages: Sequence[Stage]) -> list[Table]:
     """Return the contracts of the tables that the workflow wants seen first, as far as the stages write them."""
-    by_name = {table.name: table for each in stages for table in each.writes}
+    by_name = list_tables(stages)
     return [by_name[name] for name in study.settings.workflow.headline if name in by_name]
 
 
@@ -107,8 +107,7 @@ def print_headline(ledger: Ledger, study: Study, stages: Sequence[Stage], consol
             if told:
                 print_sentences([told], console)
     for role, title in TITLES.items():
-        sentences = _list_sentences(ledger, headline, role)
-        if sentences:
+        if sentences := _list_sentences(ledger, headline, role):
             console.print(title, style="bold")
             print_sentences(sentences, console)
 
@@ -168,10 +167,12 @@ def _list_facts(ledger: Ledger) -> list[tuple[str, str]]:
 def _show_failure(ledger: Ledger, status: str) -> list[Block]:
     if not ledger.facts["error"]:
         return []
-    kept: list[Block] = [("note", "What was done before is kept; this goes on from there, when that is mended:")]
     traceback = read_traceback(ledger.folder) if status == "failed" else ""
-    blocks: list[Block] = [("status", (status, describe_reason(ledger, status))), *kept]
-    blocks.append(("command", ledger.facts["command"]))
+    blocks: list[Block] = [
+        ("status", (status, describe_reason(ledger, status))),
+        ("note", "What was done before is kept; this goes on from there, when that is mended:"),
+        ("command", ledger.facts["command"]),
+    ]
     return [("failure", blocks + show_traceback("traceback", traceback, is_open=True))]
 
 
@@ -199,7 +200,8 @@ def _show_headline(ledger: Ledger, table: Table) -> list[Block]:
     whole = kept.shape == frame.shape
     size = f"{format_count(len(frame), 'row')} and {len(frame.columns)} columns"
     summary = "what the columns mean" if whole else f"all {size}, and what they mean"
-    return [*blocks, make_details(summary, _show_rows(table, frame) if not whole else [_show_meanings(table, frame)])]
+    rows = _show_rows(table, frame)
+    return [*blocks, make_details(summary, rows[-1:] if whole else rows)]
 
 
 def _show_making(ledger: Ledger, study: Study, stages: Sequence[Stage], reached: Sequence[Stage]) -> list[Block]:
@@ -253,13 +255,9 @@ def _read(ledger: Ledger, table: Table) -> pd.DataFrame:
 def _show_rows(table: Table, frame: pd.DataFrame) -> list[Block]:
     """Return the first rows of a table, and what its columns mean."""
     shown = frame if len(frame) <= ROWS_SHOWN_WHOLE else frame.head(ROWS_OF_A_LONG_TABLE)
-    return [("grid", _make_grid(table, shown)), _show_meanings(table, frame)]
-
-
-def _show_meanings(table: Table, frame: pd.DataFrame) -> Block:
-    return "meanings", _make_grid(table, frame.head(0))
+    return [("grid", _make_grid(table, shown)), ("meanings", _make_grid(table, frame.head(0)))]
 
 
 def _make_grid(table: Table, frame: pd.DataFrame) -> dict[str, Any]:
     shown, units = table.show(frame)
-    return make_grid(shown, units, {name: meaning for name, _, meaning in table.describe()})
+    return make_grid(shown, units, {name: each["description"] for name, each in table.columns.items()})

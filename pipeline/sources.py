@@ -29,7 +29,7 @@ def hash_sources(package: str, modules: Iterable[str]) -> dict[str, str]:
 
     Of a module outside the stages' package, what it imports from its own package counts, too.
     """
-    root = _folder(package).parents[package.count(".")]
+    root = Path(importlib.import_module(package).__path__[0]).parents[package.count(".")]
     hashes = {}
     for path in _closure(package, tuple(sorted(set(modules)))):
         top = root if path.is_relative_to(root) else path.parents[len(_list_packages(path))]
@@ -107,14 +107,6 @@ def _find_file(module: str) -> Path | None:
 def _does_something(path: Path) -> bool:
     body = ast.parse(path.read_bytes()).body
     return any(not (isinstance(each, ast.Expr) and isinstance(each.value, ast.Constant)) for each in body)
-
-
-@cache
-def _folder(package: str) -> Path:
-    spec = importlib.util.find_spec(package)
-    if spec is None or not spec.submodule_search_locations:
-        raise ModuleNotFoundError(f"no package {package}")
-    return Path(next(iter(spec.submodule_search_locations)))
 
 
 @cache

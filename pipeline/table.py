@@ -171,11 +171,11 @@ class Table:
         """Check `frame` and return the file that holds it."""
         checked = self.check(frame, "on write")
         arrow = pyarrow.Table.from_pandas(checked, preserve_index=False)
-        described = {name: {"unit": unit, "description": told} for name, unit, told in self.describe()}
-        for name in described:
-            if self.columns[name]["percent"]:
-                described[name][SHOWN] = "%"
-        fields = [field.with_metadata(described[field.name]) for field in arrow.schema]
+        fields = []
+        for field in arrow.schema:
+            each = self.columns[field.name]
+            shown = {SHOWN: "%"} if each["percent"] else {}
+            fields.append(field.with_metadata({"unit": each["unit"], "description": each["description"], **shown}))
         metadata = {**(arrow.schema.metadata or {}), b"title": self.title.encode()}
         return _seal(arrow.cast(pyarrow.schema(fields, metadata=metadata)))
 
@@ -188,10 +188,6 @@ class Table:
         shown = [(name, each) for name, each in self.columns.items() if name in frame.columns]
         units = {name: "%" if each["percent"] else each["unit"] for name, each in shown}
         return show_percent(frame, units), units
-
-    def describe(self) -> list[tuple[str, str, str]]:
-        """Return name, unit and description of each column."""
-        return [(name, each["unit"], each["description"]) for name, each in self.columns.items()]
 
 
 TITLES = {"remark": "What to bear in mind", "finding": "What was found", "advice": "What to do next"}
