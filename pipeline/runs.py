@@ -49,11 +49,12 @@ def sweeps_folder(outputs: str | Path) -> Path:
 
 def list_folders(outputs: str | Path) -> list[Path]:
     """Return the folders of all runs, and of all jobs of all sweeps."""
-    runs = _list_within(runs_folder(outputs))
-    return [*runs, *(job for sweep in _list_within(sweeps_folder(outputs)) for job in _list_within(sweep))]
+    runs = list_within(runs_folder(outputs))
+    return [*runs, *(job for sweep in list_within(sweeps_folder(outputs)) for job in list_within(sweep))]
 
 
-def _list_within(folder: Path) -> list[Path]:
+def list_within(folder: Path) -> list[Path]:
+    """Return the folders in a folder but for hidden ones; none where it is not there."""
     try:
         with os.scandir(folder) as found:
             return [Path(each.path) for each in found if each.is_dir() and not each.name.startswith(".")]

@@ -3,6 +3,7 @@
 import argparse
 from collections import Counter
 from collections.abc import Iterable, Sequence
+from itertools import starmap
 from pathlib import Path
 from typing import Any
 
@@ -16,7 +17,7 @@ from pipeline.ledger import Ledger
 from pipeline.printing import add_unit, format_count, print_frame, show_percent
 from pipeline.review.kept import read_slices
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
-from pipeline.runs import describe_status, list_folders, live_status, runs_folder, sweeps_folder
+from pipeline.runs import describe_status, list_folders, list_within, live_status, runs_folder, sweeps_folder
 from pipeline.sweeps.launch import list_launches
 from pipeline.terminal import say
 
@@ -45,17 +46,10 @@ def review(options: argparse.Namespace, console: Console) -> None:
 
 def _list_everything(outputs: str, with_jobs: bool, keys: Sequence[str]) -> pd.DataFrame:
     """Return a row for each run and each sweep or (`with_jobs`) job, newest first, with more keys and its ledgers."""
-    folders = list_folders(outputs)
-    ledgers = {each: Ledger.look(each) for each in folders}
-    sweeps = sweeps_folder(outputs)
-    together: dict[Path, list[Path]] = {}
-    rows = []
-    for folder in folders:
-        if folder.parent.parent == sweeps and not with_jobs:
-            together.setdefault(folder.parent, []).append(folder)
-        else:
-            rows.append(_describe(folder, ledgers[folder]))
-    rows.extend(_summarise(sweep, [(job, ledgers[job]) for job in jobs]) for sweep, jobs in together.items())
+    alone = list_folders(outputs) if with_jobs else list_within(runs_folder(outputs))
+    sweeps = [] if with_jobs else list_within(sweeps_folder(outputs))
+    rows = [_describe(each) for each in alone]
+    rows += [_summarise(each, jobs) for each in sweeps if (jobs := list_within(each))]
     rows.sort(key=lambda row: row["age"], reverse=True)
     frame = pd.DataFrame(rows, columns=[*COLUMNS, "found"])
     frame["wall_s"] = frame["wall_s"].astype(float)
@@ -68,8 +62,8 @@ def _list_everything(outputs: str, with_jobs: bool, keys: Sequence[str]) -> pd.D
     return frame
 
 
-def _describe(folder: Path, ledger: Ledger | None) -> dict[str, Any]:
-    name = Ledger(folder).name
+def _describe(folder: Path) -> dict[str, Any]:
+    ledger, name = Ledger.look(folder), Ledger(folder).name
     if ledger is None:
         return {"run": name, "status": describe_status(folder, None), "age": (-1, name), "found": []}
     done = sum(ledger.finished(each) is not None for each in ledger.records)
@@ -85,12 +79,13 @@ def _describe(folder: Path, ledger: Ledger | None) -> dict[str, Any]:
     }
 
 
-def _summarise(sweep: Path, jobs: Sequence[tuple[Path, Ledger | None]]) -> dict[str, Any]:
-    counts = Counter(describe_status(folder, ledger) for folder, ledger in jobs)
+def _summarise(sweep: Path, jobs: Sequence[Path]) -> dict[str, Any]:
+    looked = {each: Ledger.look(each) for each in jobs}
+    counts = Counter(starmap(describe_status, looked.items()))
     planned = {each["job"] for launch in list_launches(sweep) for each in launch["jobs"]}
-    counts["not begun"] += len(planned - {folder.name for folder, _ in jobs})
+    counts["not begun"] += len(planned - {each.name for each in jobs})
     states = [each for each in WORST_FIRST if counts[each]]
-    ledgers = [ledger for _, ledger in jobs if ledger]
+    ledgers = [each for each in looked.values() if each]
     others = "".join(f", {counts[each]} {each}" for each in states if each != "done")
     return {
         "run": f"{sweep.name}/",

@@ -24,7 +24,7 @@ from pipeline.flat import walk
 from pipeline.ledger import Ledger
 from pipeline.printing import format_count
 from pipeline.review.kept import read_yaml
-from pipeline.runs import LOCK_NAME, is_running, list_folders, live_status, runs_folder, sweeps_folder
+from pipeline.runs import LOCK_NAME, is_running, list_folders, list_within, live_status, runs_folder, sweeps_folder
 from pipeline.sweeps.launch import is_launched
 from pipeline.terminal import complain, say
 
@@ -118,14 +118,10 @@ def _size(files: Iterable[os.stat_result]) -> str:
 def _find_units(folder: Path, of_jobs: bool) -> list[Unit]:
     """Return the runs or sweeps in a folder, the newest first."""
     units = []
-    for each in _list_visible(folder):
-        runs = _list_visible(each) if of_jobs else [each]
+    for each in sorted(list_within(folder)):
+        runs = sorted(list_within(each)) if of_jobs else [each]
         units.append(Unit(each, runs, [ledger for run in runs if (ledger := Ledger.look(run))]))
     return sorted(units, key=lambda unit: max((each.age[0] for each in unit.ledgers), default=0), reverse=True)
-
-
-def _list_visible(folder: Path) -> list[Path]:
-    return [each for each in sorted(folder.glob("[!.]*")) if each.is_dir()]
 
 
 def _find_reasons(units: Sequence[Unit], count: int) -> dict[Path, str]:

@@ -18,7 +18,7 @@ from pipeline.errors import ConfigError
 from pipeline.files import write_atomically
 from pipeline.ledger import Ledger
 from pipeline.printing import SHOWN
-from pipeline.runs import describe_status
+from pipeline.runs import describe_status, list_within
 from pipeline.sweeps.launch import is_meaningful, list_launches
 
 FILE_NAME = "sweep.parquet"
@@ -35,8 +35,7 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, dict[str, str]]]
     if not sweep.is_dir():
         raise ConfigError(f"no sweep in {sweep}; expected a folder in outputs/sweeps")
     overrides = {str(job["job"]): job["overrides"] for launch in list_launches(sweep) for job in launch["jobs"]}
-    folders = [each for each in sweep.iterdir() if each.is_dir() and not each.name.startswith(".")]
-    found = {each.name for each in folders}
+    found = {each.name for each in list_within(sweep)}
     rows: list[dict[str, Any]] = []
     axes: dict[str, None] = {}
     metrics: dict[str, dict[str, str]] = {}
