@@ -1,7 +1,7 @@
 """Configurations as flat mappings of dotted keys: nested values flow in, what tells runs apart flows out."""
 
 import json
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from pydantic import BaseModel
@@ -13,21 +13,18 @@ SHOWN = ("workflow.headline", "workflow.metrics", "workflow.curves", "workflow.q
 """Sections that say how a run is told, not what it computes."""
 
 
-def flatten(values: Any, path: str = "", form: Callable[[Any], str] | None = None) -> dict[str, str]:
-    """Return each value as text, by its dotted key; an item of a list of sections has its number in the key.
-
-    `path` stands before the keys; `form` makes a text of what is no section, `show` by default.
-    """
+def flatten(values: Any, path: str = "") -> dict[str, str]:
+    """Return each value as it stands in YAML, by its dotted key; an item of a list of sections has its number in it."""
     if isinstance(values, Mapping) and values:
         pairs: Iterable[tuple[Any, Any]] = values.items()
     elif isinstance(values, list) and any(isinstance(each, Mapping) for each in values):
         pairs = enumerate(values)
     else:
-        return {path: (form or show)(values)}
+        return {path: values if isinstance(values, str) else json.dumps(values, ensure_ascii=False, default=str)}
     return {
         key: text
         for name, value in pairs
-        for key, text in flatten(value, f"{path}.{name}" if path else str(name), form).items()
+        for key, text in flatten(value, f"{path}.{name}" if path else str(name)).items()
     }
 
 
@@ -39,11 +36,6 @@ def walk(values: Any, path: str = "") -> Iterator[tuple[str, Any]]:
             yield from walk(each, f"{path}.{name}" if path else str(name))
     else:
         yield path, values
-
-
-def show(value: Any) -> str:
-    """Return a value as it stands in YAML."""
-    return value if isinstance(value, str) else json.dumps(value, ensure_ascii=False, default=str)
 
 
 def is_incidental(key: str) -> bool:

@@ -95,6 +95,8 @@ def _write_page(sweep: Sweep) -> None:
     more: list[Block] = []
     if typed and any("not told apart" in each or "so few" in each for each in told):
         more = [("heading", TITLES["advice"]), ("prose", [propose_seeds(sweep, typed)])]
+    making = [*shown, ("facts", _list_facts(sweep)), *_show_plan(sweep)]
+    making.append(make_details("differences", _show_differences(sweep, done or [*jobs])))
     write_page(
         sweep.folder / FILE_NAME,
         title=f"sweep {sweep.folder.name}",
@@ -108,15 +110,7 @@ def _write_page(sweep: Sweep) -> None:
             Section("Metrics", _show_metrics(sweep)),
             Section("Jobs", _show_jobs(sweep)),
             Section("Results", _show_results(sweep, done)),
-            Section(
-                "How it was made",
-                [
-                    *shown,
-                    ("facts", _list_facts(sweep)),
-                    *_show_plan(sweep),
-                    make_details("differences", _show_differences(sweep, done or [*jobs])),
-                ],
-            ),
+            Section("How it was made", making),
         ],
     )
 

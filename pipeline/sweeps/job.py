@@ -23,7 +23,7 @@ from pipeline.plan import make_plan
 from pipeline.report import try_report
 from pipeline.runner import Runner
 from pipeline.runs import claim, is_running, list_ledgers
-from pipeline.stage import Stage
+from pipeline.stage import Stage, list_tables
 from pipeline.sweeps.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_meaningful, name_job
 from pipeline.sweeps.subprocess_job import Ending, run_in_subprocess
 from pipeline.terminal import complain, open_console
@@ -126,10 +126,9 @@ class JobTask:
 
     def _list_arguments(self, overrides: list[str]) -> list[str]:
         """Return what to type to run a job by itself."""
-        telling = [each for each in overrides if is_meaningful(each)]
         files = {option: facts["file"] for option, facts in self.launch.files.items()}
-        named = [(key, files.get(value, value)) for key, _, value in (each.partition("=") for each in telling)]
-        typed = [f"{key}={value}" for key, value in named]
+        telling = (each.partition("=") for each in overrides if is_meaningful(each))
+        typed = [f"{key}={files.get(value, value)}" for key, _, value in telling]
         others = [each for each in overrides if each.partition("=")[0] in ("outputs", "figures")]
         return [*self.launch.options, f"sweep={self.launch.sweep.name}", *typed, *others]
 
@@ -178,8 +177,7 @@ def _warm_up(study: Study, stages: list[Stage]) -> None:
     """
     with suppress(PipelineError):  # which the job itself will tell
         make_plan(study, stages, list_ledgers(study.settings.outputs))
-    for each in stages:
-        for table in each.writes:
-            _ = table.schema
+    for table in list_tables(stages).values():
+        _ = table.schema
     read_templates()
     look_at_checkout()

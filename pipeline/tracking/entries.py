@@ -236,7 +236,7 @@ def _list_series(ledger: Ledger, config: dict[str, Any]) -> Iterator[Point]:
         except (ValidationError, TableError, KeyError, TypeError, ValueError):
             continue
         for told, points in series:
-            label = ", ".join(filter(None, (told.removeprefix(f"{curve.by[0]} ") if len(curve.by) == 1 else told,)))
+            label = told.removeprefix(f"{curve.by[0]} ") if len(curve.by) == 1 else told
             whole = all(float(x).is_integer() for x in points["x"])
             for number, (x, mean) in enumerate(zip(points["x"], points["mean"], strict=True)):
                 if math.isfinite(mean):

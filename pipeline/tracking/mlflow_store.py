@@ -55,12 +55,8 @@ class Store:
     def __init__(self, destination: Destination, largest_file_mb: float, request_s: float, retries: int):
         """Import MLflow, which takes seconds, and connect; a request takes `request_s` at most, each try."""
         os.environ["MLFLOW_HTTP_REQUEST_TIMEOUT"] = str(max(1, round(request_s)))
-        for name, value in (
-            ("MLFLOW_DISABLE_TELEMETRY", "true"),
-            ("DO_NOT_TRACK", "true"),
-            ("MLFLOW_HTTP_REQUEST_MAX_RETRIES", str(retries)),
-        ):
-            os.environ.setdefault(name, value)
+        quiet = {"MLFLOW_DISABLE_TELEMETRY": "true", "DO_NOT_TRACK": "true"}
+        os.environ.update({**quiet, "MLFLOW_HTTP_REQUEST_MAX_RETRIES": str(retries), **os.environ})
         from mlflow.tracking import MlflowClient
 
         logging.getLogger("mlflow").setLevel(logging.ERROR)
