@@ -19,7 +19,7 @@ import pandas as pd
 
 from pipeline.command import split_command
 from pipeline.files import write_text
-from pipeline.printing import format_value, is_prose
+from pipeline.printing import format_value
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -113,12 +113,6 @@ def make_grid(
         "rows": list(frame.itertuples(index=False)),
         "links": list(links),
     }
-
-
-def show_frame(frame: pd.DataFrame, units: Mapping[str, str], title: str) -> list[Block]:
-    """Return a short frame under its title, one of sentences as these."""
-    shown: Block = ("prose", list_sentences(frame)) if is_prose(frame) else ("grid", make_grid(frame, units))
-    return [("heading", title), shown]
 
 
 def list_sentences(frame: pd.DataFrame) -> list[str]:

@@ -15,10 +15,10 @@ from pipeline.ledger import Ledger
 from pipeline.page import (
     Block,
     Section,
+    list_sentences,
     make_details,
     make_grid,
     make_rows,
-    show_frame,
     show_traceback,
     write_page,
 )
@@ -197,18 +197,18 @@ def _show_results(sweep: Sweep, done: Sequence[str]) -> list[Block]:
         names = [each for each in list_headlines(read_config(ledger.folder)) if each in kept]
         short = [each for each in names if 0 < int(kept[each].get("rows", 0)) <= MOST_ROWS_OF_RESULTS]
         read = [found for name in short if (found := read_whole_table(ledger, name))]
-        told = [(_complete(frame, ledger), *rest) for frame, *rest in read if is_prose(frame)]
-        blocks = [block for each in told or read for block in show_frame(*each)]
+        prose = [each for each in read if is_prose(each[0])]
+        typed, folder = str(ledger.facts["command"]), str(ledger.folder)
+        blocks: list[Block] = []
+        for frame, units, title in prose or read:
+            sentences = [complete(each, typed, folder) for each in list_sentences(frame)] if prose else []
+            blocks += [("heading", title), ("prose", sentences) if prose else ("grid", make_grid(frame, units))]
         if blocks:
             results.append(make_details(ledger.folder.name, blocks, is_open=not results))
     if not results:
         return []
     part = f", of the first {len(results)} jobs that are done" if len(done) > len(results) else ""
     return [("note", f"What each job's report begins with{part}."), *results]
-
-
-def _complete(sentences: pd.DataFrame, ledger: Ledger) -> pd.DataFrame:
-    return sentences.map(lambda each: complete(str(each), str(ledger.facts["command"]), str(ledger.folder)))
 
 
 def _show_differences(sweep: Sweep, jobs: Sequence[str]) -> list[Block]:
