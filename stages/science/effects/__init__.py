@@ -1,11 +1,10 @@
 """Physical effects, one small module each, and what several of them share."""
 
-from collections.abc import Mapping
-from dataclasses import dataclass
+from collections.abc import Callable
 
 import numpy as np
 
-from stages.science.plant.effect import Parameter, State
+from stages.science.plant.effect import Parameter, State, Values
 from stages.science.signals.operators import follow_stops
 from stages.science.signals.trajectories import Array
 
@@ -15,23 +14,12 @@ PRESLIDING = Parameter(
 """Of a cable's dry friction that turns gradually after a reversal."""
 
 
-@dataclass(frozen=True)
-class Terms:
-    """Terms of a machine's integrator that are parameters as they are: pairs of a term and a parameter."""
-
-    names: tuple[tuple[str, str], ...]
-
-    def __call__(self, parameters: Mapping[str, float]) -> dict[str, float]:
-        """Return the terms."""
-        return {term: parameters[name] for term, name in self.names}
-
-
-def name_terms(**names: str) -> Terms:
+def name_terms(**names: str) -> Callable[[Values], dict[str, float]]:
     """Return what gives each term, by its name, the value of the parameter that is named there."""
-    return Terms(tuple(names.items()))
+    return lambda parameters: {term: parameters[name] for term, name in names.items()}
 
 
-def slide(state: State, parameters: Mapping[str, float]) -> Array:
+def slide(state: State, parameters: Values) -> Array:
     """Return the direction of a cable's friction, (T, K); where it is told how, the cable yields before it slides."""
     if "presliding" in parameters:
         return follow_stops(state.contraction, np.array([parameters["presliding"]]))

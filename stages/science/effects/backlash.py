@@ -3,14 +3,8 @@
 The contraction of the muscle follows that of the geometry by a play operator.
 """
 
-from stages.science.plant.effect import ChainEffect, Parameter, State, Values
+from stages.science.plant.effect import ChainEffect, Parameter
 from stages.science.signals.operators import follow_play
-from stages.science.signals.trajectories import Array
-
-
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    return follow_play(signal, 0.5 * parameters["play"])
-
 
 EFFECT = ChainEffect(
     name="backlash",
@@ -21,5 +15,5 @@ EFFECT = ChainEffect(
     source="Nordin, Gutman, Controlling mechanical systems with backlash: a survey, Automatica 38 (2002)",
     signature="force stands for a short way after every reversal, more where it depends more on contraction",
     split_by="slow reversals at two pressures: the way after a reversal stays the same",
-    apply=_apply,
+    apply=lambda signal, state, parameters: follow_play(signal, 0.5 * parameters["play"]),
 )

@@ -16,10 +16,6 @@ from stages.science.plant.muscle import compute_tension
 from stages.science.signals.trajectories import Array
 
 
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    return signal + parameters["slack"]
-
-
 def _apply_hanging(signal: Array, state: State, parameters: Values) -> Array:
     way = np.clip((state.contraction - parameters["onset"]) / parameters["width"], 0.0, 1.0)
     return signal * (1.0 - parameters["lost"] * way * way * (3.0 - 2.0 * way))
@@ -43,7 +39,7 @@ EFFECT = ChainEffect(
     ),
     signature="force is short, more where the muscle is short, and reaches zero before the model does",
     split_by="low pressure at the end of the range where the muscle is shortest, until it goes slack",
-    apply=_apply,
+    apply=lambda signal, state, parameters: signal + parameters["slack"],
 )
 
 FORMS = (

@@ -9,15 +9,9 @@ from dataclasses import replace
 import numpy as np
 
 from stages.science.effects import PRESLIDING, slide
-from stages.science.plant.effect import ChainEffect, Parameter, State, Values
-from stages.science.signals.trajectories import Array
+from stages.science.plant.effect import ChainEffect, Parameter
 
 BEND, SLIDES = "friction coefficient times the sheath's total bend", "contraction velocity at which the cable slides"
-
-
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    return signal * np.exp(-parameters["friction_times_wrap"] * slide(state, parameters))
-
 
 EFFECT = ChainEffect(
     name="capstan_friction",
@@ -34,7 +28,9 @@ EFFECT = ChainEffect(
     ),
     signature="force at the joint is short by a share of itself while the muscle shortens, and over while it lengthens",
     split_by="slow reversals at two pressures: the step at reversal grows with tension",
-    apply=_apply,
+    apply=lambda signal, state, parameters: (
+        signal * np.exp(-parameters["friction_times_wrap"] * slide(state, parameters))
+    ),
 )
 
 FORMS = (

@@ -7,13 +7,9 @@ is. Within a sample, signals run straight.
 
 from dataclasses import replace
 
-from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State, Values
+from stages.science.plant.effect import ChainEffect, ElementEffect, Parameter, State, Values
 from stages.science.plant.filters import shift
 from stages.science.signals.trajectories import Array
-
-
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    return shift(signal, parameters["late_s"] / state.step_s)
 
 
 def _take_back(signal: Array, state: State, parameters: Values) -> Array:
@@ -33,13 +29,8 @@ EFFECT = ChainEffect(
     source="Ljung, System identification: theory for the user, 2nd edition (1999), chapter 14: preprocessing data",
     signature="force errs in proportion to its own rate of change, whether pressure or motion changes it",
     split_by="steps of pressure at rest, and quick reversals at constant pressure",
-    apply=_apply,
+    apply=lambda signal, state, parameters: shift(signal, parameters["late_s"] / state.step_s),
 )
-
-
-def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
-    return shift(answer, parameters["paces_late"] * bench.time_scale_s / bench.step_s)
-
 
 LATE_ELEMENT = ElementEffect(
     name="channel_misalignment",
@@ -50,7 +41,7 @@ LATE_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer errs in proportion to its own rate of change",
     split_by="the same loop at three speeds: its width grows with speed and with stiffness",
-    apply=_apply_to_element,
+    apply=lambda answer, bench, parameters: shift(answer, parameters["paces_late"] * bench.time_scale_s / bench.step_s),
 )
 
 FORMS = (

@@ -11,13 +11,9 @@ from dataclasses import replace
 import numpy as np
 
 from stages.science.effects import PRESLIDING, name_terms, slide
-from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter, State
 from stages.science.plant.muscle import pull_at_rest
 from stages.science.signals.trajectories import Array
-
-
-def _apply(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    return signal - parameters["share"] * state.muscles.full_force_n * slide(state, parameters)
 
 
 def _apply_in_sleeve(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
@@ -59,7 +55,9 @@ CABLE = ChainEffect(
     source=SOURCE,
     signature="force steps by the same amount at every reversal, short while the muscle shortens",
     split_by="slow reversals at two pressures: the step at reversal stays the same",
-    apply=_apply,
+    apply=lambda signal, state, parameters: (
+        signal - parameters["share"] * state.muscles.full_force_n * slide(state, parameters)
+    ),
 )
 
 SLIDER = DynamicEffect(
@@ -97,11 +95,6 @@ YIELDING_CABLE = replace(
     source=YIELDING_SLIDER.source,
 )
 
-
-def _apply_to_element(answer: Array, bench: Bench, parameters: Mapping[str, float]) -> Array:
-    return answer + parameters["share"] * np.tanh(bench.rate / parameters["sliding"])
-
-
 RUBBING_ELEMENT = ElementEffect(
     name="coulomb_friction",
     form="element",
@@ -112,7 +105,7 @@ RUBBING_ELEMENT = ElementEffect(
     source=SOURCE,
     signature="the answer steps by the same amount whenever motion turns",
     split_by="the same loop at three speeds: a step at the turn, however slow",
-    apply=_apply_to_element,
+    apply=lambda answer, bench, parameters: answer + parameters["share"] * np.tanh(bench.rate / parameters["sliding"]),
 )
 
 SLEEVE = replace(

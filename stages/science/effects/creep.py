@@ -35,10 +35,6 @@ def _apply_two_branches(signal: Array, state: State, parameters: Values) -> Arra
     return signal - parameters["share"] * state.muscles.full_force_n * held
 
 
-def _apply_to_force(signal: Array, state: State, parameters: Values) -> Array:
-    return signal - parameters["share"] * (signal - lag(signal, parameters["tau_s"], state.step_s))
-
-
 def _apply_stress_relaxation(signal: Array, state: State, parameters: Values) -> Array:
     slow = lag(signal, parameters["tau_s"], state.step_s)
     slower = lag(signal, parameters["tau_s"] * parameters["ratio"], state.step_s)
@@ -148,7 +144,9 @@ FORMS = (
         ),
         signature="force goes on rising for seconds after a step of pressure, or falling after one of contraction",
         split_by="a step of pressure held for ten seconds at constant contraction",
-        apply=_apply_to_force,
+        apply=lambda signal, state, parameters: (
+            signal - parameters["share"] * (signal - lag(signal, parameters["tau_s"], state.step_s))
+        ),
     ),
     replace(
         EFFECT,

@@ -5,7 +5,7 @@ acts along a driven muscle; in an oscillator the same law is a term of the equat
 """
 
 from stages.science.effects import name_terms
-from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
+from stages.science.plant.effect import ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 USUAL = 0.1
@@ -48,11 +48,6 @@ DUFFING = DynamicEffect(
     terms=name_terms(cubic="share"),
 )
 
-
-def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
-    return answer + parameters["share"] * bench.along * bench.along * bench.along
-
-
 HARDENING_ELEMENT = ElementEffect(
     name="cubic_stiffness",
     form="element",
@@ -62,7 +57,7 @@ HARDENING_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer errs by a cubic of what moves it, the same in both directions",
     split_by="a slow sweep over the whole range",
-    apply=_apply_to_element,
+    apply=lambda answer, bench, parameters: answer + parameters["share"] * bench.along * bench.along * bench.along,
 )
 
 FORMS = (EFFECT, DUFFING, HARDENING_ELEMENT)

@@ -41,14 +41,6 @@ def _apply_bouc_wen(signal: Array, state: State, parameters: Values) -> Array:
     return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * turned
 
 
-def _apply_to_force(signal: Array, state: State, parameters: Values) -> Array:
-    return signal - parameters["share"] * signal * follow_stops(state.contraction, _spread(parameters["width"]))
-
-
-def _apply_to_command(signal: Array, state: State, parameters: Values) -> Array:
-    return follow_play(signal, parameters["play_kpa"])
-
-
 def _share_of(what: str) -> Parameter:
     return Parameter("share", "1", 0.0, 0.3, 0.03, 0.03, f"friction over {what}", (0.03, 0.12))
 
@@ -87,14 +79,6 @@ BOUC_WEN_SPRING = DynamicEffect(
 )
 
 
-def _apply_stops_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
-    return answer + parameters["share"] * follow_stops(bench.along, _spread(parameters["width"]))
-
-
-def _apply_play_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
-    return answer + parameters["share"] * _stop_from(bench, parameters["width"], parameters["begun"])
-
-
 def _apply_two_plays_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
     first, second = (_stop_from(bench, parameters[width], parameters["begun"]) for width in ("width", "second_width"))
     return answer + parameters["share"] * (first + parameters["second_ratio"] * second)
@@ -116,7 +100,9 @@ SLIDING_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer at the same place of its path differs by the way that led there, at any pace",
     split_by="the same loop at three speeds, and small loops inside it",
-    apply=_apply_stops_to_element,
+    apply=lambda answer, bench, parameters: (
+        answer + parameters["share"] * follow_stops(bench.along, _spread(parameters["width"]))
+    ),
 )
 PLAYING_ELEMENT = replace(
     SLIDING_ELEMENT,
@@ -126,7 +112,9 @@ PLAYING_ELEMENT = replace(
         Parameter("begun", "1", -1.0, 1.0, 0.0, 0.5, "how far it has turned as a record begins", (0.0,)),
     ),
     source="Krasnoselskii, Pokrovskii, Systems with hysteresis, Springer (1989): the stop, complement of the play",
-    apply=_apply_play_to_element,
+    apply=lambda answer, bench, parameters: (
+        answer + parameters["share"] * _stop_from(bench, parameters["width"], parameters["begun"])
+    ),
 )
 
 TWO_PLAYS_ELEMENT = replace(
@@ -190,7 +178,9 @@ FORMS = (
             "Tondu, Lopez, Modeling and control of McKibben artificial muscle robot actuators, IEEE Control Syst. Mag. "
             "20 (2000): dry friction between threads"
         ),
-        apply=_apply_to_force,
+        apply=lambda signal, state, parameters: (
+            signal - parameters["share"] * signal * follow_stops(state.contraction, _spread(parameters["width"]))
+        ),
     ),
     replace(
         EFFECT,
@@ -206,7 +196,7 @@ FORMS = (
         ),
         signature="pressure settles below the command after a rise and above it after a fall, and ignores small moves",
         split_by="a staircase of commands up and down, each step held until it settles",
-        apply=_apply_to_command,
+        apply=lambda signal, state, parameters: follow_play(signal, parameters["play_kpa"]),
     ),
     BOUC_WEN_SPRING,
     PLAYING_ELEMENT,

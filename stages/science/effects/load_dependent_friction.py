@@ -17,10 +17,6 @@ def _rub(answer: Array, bench: Bench, load: Array, parameters: Values) -> Array:
     return answer + size * np.tanh(bench.rate / parameters["sliding"])
 
 
-def _apply(answer: Array, bench: Bench, parameters: Values) -> Array:
-    return _rub(answer, bench, bench.load, parameters)
-
-
 def _apply_late(answer: Array, bench: Bench, parameters: Values) -> Array:
     late = lag(bench.load, parameters["paces"] * bench.time_scale_s, bench.step_s)
     return _rub(answer, bench, late, parameters)
@@ -40,7 +36,7 @@ EFFECT = ElementEffect(
     ),
     signature="the answer steps whenever motion turns, and more so under load",
     split_by="slow reversals at two loads: the step grows with the load",
-    apply=_apply,
+    apply=lambda answer, bench, parameters: _rub(answer, bench, bench.load, parameters),
     scales=False,
     loaded=True,
 )

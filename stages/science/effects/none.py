@@ -1,12 +1,6 @@
 """No effect at all, so that its absence is a choice like any other."""
 
-from stages.science.plant.effect import ChainEffect, State, Values
-from stages.science.signals.trajectories import Array
-
-
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    return signal
-
+from stages.science.plant.effect import ChainEffect
 
 EFFECT = ChainEffect(
     name="none",
@@ -17,5 +11,5 @@ EFFECT = ChainEffect(
     source="nothing",
     signature="nothing beyond noise and wander",
     split_by="no experiment",
-    apply=_apply,
+    apply=lambda signal, state, parameters: signal,
 )

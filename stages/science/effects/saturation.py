@@ -11,7 +11,7 @@ from dataclasses import replace
 import numpy as np
 
 from stages.science.effects import name_terms
-from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
+from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, Values
 from stages.science.plant.filters import read
 from stages.science.signals.trajectories import Array
 
@@ -20,14 +20,6 @@ SCALE_KPA = 1000.0
 
 def _clip(signal: Array, scale: Array | float, ratio: float) -> Array:
     return np.minimum(signal, scale / ratio) if ratio > 0.0 else signal
-
-
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    return _clip(signal, state.muscles.full_force_n, parameters["full_force_over_level"])
-
-
-def _apply_to_pressure(signal: Array, state: State, parameters: Values) -> Array:
-    return _clip(signal, SCALE_KPA, parameters["mpa_over_level"])
 
 
 EFFECT = ChainEffect(
@@ -41,7 +33,9 @@ EFFECT = ChainEffect(
     source="Bendat, Piersol, Random data, 4th edition (2010), chapter 10: data acquisition",
     signature="force stays at one value wherever it should exceed it",
     split_by="a slow sweep to the largest pressure",
-    apply=_apply,
+    apply=lambda signal, state, parameters: _clip(
+        signal, state.muscles.full_force_n, parameters["full_force_over_level"]
+    ),
 )
 
 FARTHEST = 1e6
@@ -51,10 +45,6 @@ ENDS = (
     Parameter("lowest", "1", -FARTHEST, FARTHEST, -1.0, 1.0, "least reading over the scale", (-0.3,), optional=True),
     Parameter("highest", "1", -FARTHEST, FARTHEST, 1.0, 1.0, "largest reading over the scale", (0.3,), optional=True),
 )
-
-
-def _end_reading(parameters: Values) -> dict[str, float]:
-    return {"unread": parameters["share"], **{end: parameters[end] for end in _list_ends(parameters)}}
 
 
 def _list_ends(parameters: Values) -> list[str]:
@@ -94,7 +84,9 @@ READING = replace(
     parameters=ENDS,
     signature="the response stays at one value wherever it should go beyond it, at one end or at both",
     split_by="a resonant motion beyond the ends",
-    terms=_end_reading,
+    terms=lambda parameters: (
+        {"unread": parameters["share"], **{end: parameters[end] for end in _list_ends(parameters)}}
+    ),
 )
 
 TANK_READING = replace(
@@ -155,7 +147,7 @@ FORMS = (
         signal="sensed_pressure_kpa",
         parameters=(Parameter("mpa_over_level", "1", 0.0, 50.0, 0.5, 2.0, "1000 kPa over the level", (1.5, 3.0, 6.0)),),
         signature="pressure stays at one value wherever it should exceed it",
-        apply=_apply_to_pressure,
+        apply=lambda signal, state, parameters: _clip(signal, SCALE_KPA, parameters["mpa_over_level"]),
     ),
     DRIVE,
     READING,

@@ -27,18 +27,6 @@ def _apply(signal: Array, state: State, parameters: Values) -> Array:
     return signal + parameters["share_per_min"] * state.muscles.full_force_n * minutes
 
 
-def _apply_warming(signal: Array, state: State, parameters: Values) -> Array:
-    return signal + parameters["share"] * state.muscles.full_force_n * _warm(state, parameters["tau_s"])
-
-
-def _apply_to_pressure(signal: Array, state: State, parameters: Values) -> Array:
-    return signal + parameters["drift_kpa_per_min"] * (_session_s(state) / MINUTE_S)
-
-
-def _apply_warming_to_pressure(signal: Array, state: State, parameters: Values) -> Array:
-    return signal + parameters["drift_kpa"] * _warm(state, parameters["tau_s"])
-
-
 TAU = Parameter("tau_s", "s", 5.0, 3600.0, 200.0, 200.0, "time constant of warming up", (40.0, 200.0))
 
 EFFECT = ChainEffect(
@@ -55,11 +43,6 @@ EFFECT = ChainEffect(
     apply=_apply,
 )
 
-
-def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
-    return answer + parameters["share_per_100_paces"] * bench.session_s / (100.0 * bench.time_scale_s)
-
-
 DRIFTING_ELEMENT = ElementEffect(
     name="sensor_drift",
     form="element",
@@ -69,7 +52,9 @@ DRIFTING_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer errs by an amount that changes along the session and not with what is done",
     split_by="the same movement at the beginning and at the end",
-    apply=_apply_to_element,
+    apply=lambda answer, bench, parameters: (
+        answer + parameters["share_per_100_paces"] * bench.session_s / (100.0 * bench.time_scale_s)
+    ),
 )
 
 
@@ -94,7 +79,9 @@ FORMS = (
         EFFECT,
         form="force_warming",
         parameters=(Parameter("share", "1", -0.3, 0.3, 0.0, 0.02, "drift over the largest force", (0.02, -0.02)), TAU),
-        apply=_apply_warming,
+        apply=lambda signal, state, parameters: (
+            signal + parameters["share"] * state.muscles.full_force_n * _warm(state, parameters["tau_s"])
+        ),
     ),
     replace(
         EFFECT,
@@ -102,7 +89,9 @@ FORMS = (
         signal="sensed_pressure_kpa",
         parameters=(Parameter("drift_kpa_per_min", "kPa/min", -50.0, 50.0, 0.0, 2.0, "drift", (1.0, -1.0)),),
         signature="pressure errs by an amount that changes along the session and not with what is done",
-        apply=_apply_to_pressure,
+        apply=lambda signal, state, parameters: (
+            signal + parameters["drift_kpa_per_min"] * (_session_s(state) / MINUTE_S)
+        ),
     ),
     replace(
         EFFECT,
@@ -110,7 +99,7 @@ FORMS = (
         signal="sensed_pressure_kpa",
         parameters=(Parameter("drift_kpa", "kPa", -100.0, 100.0, 0.0, 5.0, "drift in the end", (6.0, -6.0)), TAU),
         signature="pressure errs by an amount that changes along the session and not with what is done",
-        apply=_apply_warming_to_pressure,
+        apply=lambda signal, state, parameters: signal + parameters["drift_kpa"] * _warm(state, parameters["tau_s"]),
     ),
     DRIFTING_ELEMENT,
     WARMING_ELEMENT,

@@ -6,13 +6,7 @@ regulator's gain takes it up, and in the force through the pressure that acts.
 
 from dataclasses import replace
 
-from stages.science.plant.effect import ChainEffect, Parameter, State, Values
-from stages.science.signals.trajectories import Array
-
-
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    return signal * (1.0 + parameters["error"])
-
+from stages.science.plant.effect import ChainEffect, Parameter
 
 EFFECT = ChainEffect(
     name="sensor_gain",
@@ -23,7 +17,7 @@ EFFECT = ChainEffect(
     source="JCGM 200, International vocabulary of metrology (2012), 4.12 and 4.20: sensitivity and instrumental bias",
     signature="force errs in proportion to itself, always",
     split_by="known weights on the load cell",
-    apply=_apply,
+    apply=lambda signal, state, parameters: signal * (1.0 + parameters["error"]),
 )
 
 FORMS = (

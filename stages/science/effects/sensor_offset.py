@@ -7,17 +7,7 @@ the regulator's zero takes it up, and in the force, where the pressure that acts
 from dataclasses import replace
 
 from stages.science.effects import name_terms
-from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State, Values
-from stages.science.signals.trajectories import Array
-
-
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    return signal + parameters["share"] * state.muscles.full_force_n
-
-
-def _apply_to_pressure(signal: Array, state: State, parameters: Values) -> Array:
-    return signal + parameters["offset_kpa"]
-
+from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter
 
 EFFECT = ChainEffect(
     name="sensor_offset",
@@ -28,7 +18,7 @@ EFFECT = ChainEffect(
     source="JCGM 200, International vocabulary of metrology (2012), 4.20 and 4.28: instrumental bias and zero error",
     signature="force errs by the same amount always",
     split_by="the load cell unloaded, before and after the session",
-    apply=_apply,
+    apply=lambda signal, state, parameters: signal + parameters["share"] * state.muscles.full_force_n,
 )
 
 OSCILLATOR = DynamicEffect(
@@ -53,7 +43,7 @@ FORMS = (
         ),
         signature="pressure errs by the same amount always, and force as if pressure were another",
         split_by="the muscle vented, before and after the session",
-        apply=_apply_to_pressure,
+        apply=lambda signal, state, parameters: signal + parameters["offset_kpa"],
     ),
     OSCILLATOR,
 )

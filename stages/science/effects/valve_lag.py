@@ -4,14 +4,8 @@ Two first-order lags in series turn a step of command into an S, which starts fl
 """
 
 from stages.science.effects import name_terms
-from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State, Values
+from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter
 from stages.science.plant.filters import lag
-from stages.science.signals.trajectories import Array
-
-
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    return lag(signal, parameters["lag_s"], state.step_s)
-
 
 EFFECT = ChainEffect(
     name="valve_lag",
@@ -25,7 +19,7 @@ EFFECT = ChainEffect(
     ),
     signature="pressure starts later than the model after a step and then catches up more steeply",
     split_by="steps of command, or a chirp to 10 Hz: a lag loses amplitude, a delay does not",
-    apply=_apply,
+    apply=lambda signal, state, parameters: lag(signal, parameters["lag_s"], state.step_s),
 )
 
 SECOND_LAG = DynamicEffect(

@@ -9,7 +9,7 @@ from dataclasses import replace
 import numpy as np
 
 from stages.science.effects import name_terms
-from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
+from stages.science.plant.effect import ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
 from stages.science.plant.muscle import pull_at_rest
 from stages.science.signals.trajectories import Array
 
@@ -79,11 +79,6 @@ QUADRATIC = DynamicEffect(
     terms=name_terms(drag="share"),
 )
 
-
-def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
-    return answer + parameters["share"] * bench.rate
-
-
 DAMPED_ELEMENT = ElementEffect(
     name="viscous_friction",
     form="element",
@@ -93,7 +88,7 @@ DAMPED_ELEMENT = ElementEffect(
     source=EFFECT.source,
     signature="the answer errs in proportion to the rate of motion, and is right at rest",
     split_by="the same loop at three speeds: its width grows with speed",
-    apply=_apply_to_element,
+    apply=lambda answer, bench, parameters: answer + parameters["share"] * bench.rate,
 )
 
 FORMS = (
