@@ -16,29 +16,10 @@ from pipeline.config import Section
 from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column, sentences
+from stages.science.discrepancy import report_text
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.patch import read_patches
-from stages.science.discrepancy.report_text import (
-    describe_absorbed,
-    describe_bands,
-    describe_bounds,
-    describe_few_trials,
-    describe_forgotten,
-    describe_high_floor,
-    describe_loaded_maps,
-    describe_maps,
-    describe_odd_trials,
-    describe_own_effect,
-    describe_rate,
-    describe_remainder,
-    describe_scales,
-    describe_silent_channels,
-    describe_sizes,
-    describe_times,
-    describe_uninformative,
-    describe_verdict,
-)
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DiscrepancySettings
@@ -211,24 +192,25 @@ def verify_gap(
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     findings = [
         *suspect_muscles(tables.measured, tables.measured_muscles),
-        *describe_uninformative(float(driven["gap_over_std"].iloc[last])),
-        *describe_verdict(verdict, places, settings),
-        *describe_maps(maps, settings.significance),
-        *describe_remainder(remainder, status, report),
-        *describe_few_trials(len(dataset.fitted), len(test), report.few_trials),
+        *report_text.describe_uninformative(float(driven["gap_over_std"].iloc[last])),
+        *report_text.describe_verdict(verdict, places, settings),
+        *report_text.describe_maps(maps, settings.significance),
+        *report_text.describe_remainder(remainder, status, report),
+        *report_text.describe_few_trials(len(dataset.fitted), len(test), report.few_trials),
     ]
+    final = verdict["gap"]["noise_floor"] if last else math.inf
     remarks = [
-        *describe_absorbed(list_confounded(ranking, {row["channel"] for row in places})),
-        *describe_times(verdict["effects"], dataset.plant),
-        *(describe_scales(dataset.plant) if status == "named" else []),
-        *describe_loaded_maps(dataset),
-        describe_bands(bands),
-        *describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
-        *describe_odd_trials(odd.to_dict("records")),
-        *describe_bounds(amended_values),
-        *describe_rate(dataset.outputs[0]),
-        *describe_forgotten(dataset.outputs[0], dataset.plant, report.most_forgotten),
-        *describe_high_floor(channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf),
+        *report_text.describe_absorbed(list_confounded(ranking, {row["channel"] for row in places})),
+        *report_text.describe_times(verdict["effects"], dataset.plant),
+        *(report_text.describe_scales(dataset.plant) if status == "named" else []),
+        *report_text.describe_loaded_maps(dataset),
+        report_text.describe_bands(bands),
+        *report_text.describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
+        *report_text.describe_odd_trials(odd.to_dict("records")),
+        *report_text.describe_bounds(amended_values),
+        *report_text.describe_rate(dataset.outputs[0]),
+        *report_text.describe_forgotten(dataset.outputs[0], dataset.plant, report.most_forgotten),
+        *report_text.describe_high_floor(channels, report.high_floor, final),
     ]
     command = describe_command(
         status == "named", bool(maps), tables.measured_session.iloc[0], cfg.exoskeleton.load_cell_site
@@ -238,7 +220,7 @@ def verify_gap(
         PREDICTIONS.name: predictions,
         FINDINGS.name: pd.DataFrame({"sentence": findings}),
         REMARKS.name: pd.DataFrame({"sentence": remarks}),
-        NEXT_STEPS.name: pd.DataFrame({"sentence": [command, *describe_own_effect(own_effect)]}),
+        NEXT_STEPS.name: pd.DataFrame({"sentence": [command, *report_text.describe_own_effect(own_effect)]}),
     }
 
 
@@ -305,7 +287,7 @@ def draw_trials(predictions: pd.DataFrame, channels: pd.DataFrame, ctx: Context)
 
 def draw_signatures(traced: pd.DataFrame, effects: Sequence[Mapping[str, Any]], ctx: Context) -> None:
     """Draw what each added effect does, over the residual without it, and tell its sizes."""
-    told = {each["name"]: describe_sizes(each) for each in effects}
+    told = {each["name"]: report_text.describe_sizes(each) for each in effects}
     for name, rows in traced.groupby("effect", sort=False):
         known = find_effect(str(name), str(rows["form"].mode().iloc[0]))
         ctx.figure(
