@@ -82,7 +82,7 @@ class Round:
     named: Named | None
 
 
-def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) -> list[list[Screened]]:
+def _list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) -> list[list[Screened]]:
     """Return the screening results of outputs, as gaps may show only with a form; gains are zero if none matters."""
     least, worth = 0.5 * (settings.smallest_gap - 1.0), set()
     listed = [[each for each in state.promises if each.form.name not in settings.left_out] for state in outputs]
@@ -95,10 +95,9 @@ def list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) 
     return listed
 
 
-def rank(
-    outputs: Sequence[FittedChannel], candidates: Sequence[Sequence[Screened]], settings: SearchSettings
-) -> tuple[Round, list[Choice]]:
+def rank(outputs: Sequence[FittedChannel], settings: SearchSettings) -> tuple[Round, list[Choice]]:
     """Return the probabilities of the names and, for each output channel, the fits of the shortlisted forms."""
+    candidates = _list_candidates(outputs, settings)
     close = _shortlist(outputs, candidates, settings)
     choices = []
     for state, listed in zip(outputs, candidates, strict=True):
@@ -110,26 +109,21 @@ def rank(
     every = sum(halved.values()) / (1.0 - settings.none_prior - settings.family_prior)
     priors = {name: each / every for name, each in halved.items()}
     priors |= {NONE: settings.none_prior, MEMORY: settings.family_prior, STATIC_MAP: settings.static_prior}
-
     alone, beside, left = _score_all(outputs, candidates, choices, settings)
+    look = _Look(outputs, choices, left, settings)
 
     def worth(name: str, probable: list[str], likely: Collection[str], carries: Array, mapped: bool) -> bool:
-        forms = _choose_forms(name, probable, likely, outputs, choices)
-        return name == MEMORY or bool(_carriers(outputs, choices, left, name, forms, carries, mapped, settings))
+        forms = look.choose_forms(name, probable, likely)
+        return name == MEMORY or bool(look.list_carriers(name, forms, carries, mapped))
 
     channels = [state.output.channel for state in outputs]
     verdicts = weigh_names(alone, beside, channels, priors, settings.most_evidence, worth)
-    forms = {
-        name: _choose_forms(name, probable, verdicts.likely[name], outputs, choices)
-        for name, probable in verdicts.forms.items()
-    }
-    verdicts = replace(verdicts, forms=forms)
-    verdicts = _believe_exact(outputs, choices, verdicts, settings)
+    forms = {name: look.choose_forms(name, its, verdicts.likely[name]) for name, its in verdicts.forms.items()}
+    verdicts = look.believe_exact(replace(verdicts, forms=forms))
     raws = {}
     for name in names:
-        fits = [choice.get((name, form)) for choice, form in zip(choices, verdicts.forms[name], strict=True)]
-        carried = [each if share > 0.5 else None for each, share in zip(fits, verdicts.carries[name], strict=True)]
-        raws[name] = [(each or state.current).raw for state, each in zip(outputs, carried, strict=True)]
+        carried = zip(outputs, look.find_fits(name, verdicts.forms[name]), verdicts.carries[name], strict=True)
+        raws[name] = [(fitted if fitted and its > 0.5 else state.current).raw for state, fitted, its in carried]
     raws |= {family: [each.families[family] for each in left] for family in (NONE, *verdicts.families)}
     gaps, heldout = {}, {}
     for name, squares in raws.items():
@@ -137,7 +131,7 @@ def rank(
         gaps[name] = float(np.sqrt(np.mean([state.ratio(raw) ** 2 for state, raw in both])))
         squared = [raw.sum() / state.samples.sum() / state.output.range**2 for state, raw in both]
         heldout[name] = float(np.sqrt(np.mean(squared)))
-    named = _decide(outputs, choices, left, verdicts, gaps, settings)
+    named = look.decide(verdicts, gaps)
     spoken = (named.name, *named.alternatives) if named else ()
     sites: dict[str, str] = {}
     confounded: dict[str, float] = {}
@@ -150,41 +144,98 @@ def rank(
     return Round(verdicts, confounded, gaps, heldout, sites, named), choices
 
 
-def _choose_forms(
-    name: str,
-    probable: Sequence[str],
-    likely: Collection[str],
-    outputs: Sequence[FittedChannel],
-    choices: Sequence[Choice],
-) -> list[str]:
-    """Return the form of a name with the smallest gap in its channel, of those that are likely and fitted.
+@dataclass(frozen=True)
+class _Look:
+    """One look at outputs: the fits of the shortlisted forms in each, and what models leave there."""
 
-    Else it is the most probable.
-    """
-    squares: dict[str, dict[str, float]] = {state.output.channel: {} for state in outputs}
-    for channel, own in squares.items():
-        its = [(state, fits) for state, fits in zip(outputs, choices, strict=True) if state.output.channel == channel]
-        for form in dict.fromkeys(form for _, fits in its for known, form in fits if known == name and form in likely):
-            own[form] = sum(state.ratio(fits.get((name, form), state.current).raw) ** 2 for state, fits in its)
-    channels = [squares[state.output.channel] for state in outputs]
-    return [min(own, key=own.__getitem__, default=form) for own, form in zip(channels, probable, strict=True)]
+    outputs: Sequence[FittedChannel]
+    choices: Sequence[Choice]
+    left: Sequence[Left]
+    settings: SearchSettings
 
+    def find_fits(self, name: str, forms: Sequence[str]) -> list[Fitted | None]:
+        """Return by output the fit with a name in its form there, where there is one."""
+        return [choice.get((name, form)) for choice, form in zip(self.choices, forms, strict=True)]
 
-def _believe_exact(
-    outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts, settings: SearchSettings
-) -> Verdicts:
-    """Return the verdicts with effects that exactly repeated values show as nearly certain, whatever their gain."""
-    sure = 1.0 - settings.family_prior
-    for name, forms in verdicts.forms.items():
-        fits = [choice.get((name, form)) for choice, form in zip(choices, forms, strict=True)]
-        both = zip(outputs, fits, strict=True)
-        shown = [fitted is not None and _is_shown(state, fitted) for state, fitted in both]
-        if any(shown) and verdicts.names[name] < sure:
-            carries = np.where(shown, 1.0, verdicts.carries[name])
-            rest = (1.0 - sure) / (1.0 - verdicts.names[name])
-            names = {other: sure if other == name else rest * each for other, each in verdicts.names.items()}
-            return replace(verdicts, names=names, carries={**verdicts.carries, name: carries})
-    return verdicts
+    def choose_forms(self, name: str, probable: Sequence[str], likely: Collection[str]) -> list[str]:
+        """Return the form of a name with the smallest gap in its channel, of those that are likely and fitted.
+
+        Else it is the most probable.
+        """
+        squares: dict[str, dict[str, float]] = {state.output.channel: {} for state in self.outputs}
+        for channel, own in squares.items():
+            both = zip(self.outputs, self.choices, strict=True)
+            its = [(state, fits) for state, fits in both if state.output.channel == channel]
+            known = [form for _, fits in its for each, form in fits if each == name and form in likely]
+            for form in dict.fromkeys(known):
+                own[form] = sum(state.ratio(fits.get((name, form), state.current).raw) ** 2 for state, fits in its)
+        channels = [squares[state.output.channel] for state in self.outputs]
+        return [min(own, key=own.__getitem__, default=form) for own, form in zip(channels, probable, strict=True)]
+
+    def believe_exact(self, verdicts: Verdicts) -> Verdicts:
+        """Return the verdicts with effects that exactly repeated values show as nearly certain, whatever their gain."""
+        sure = 1.0 - self.settings.family_prior
+        for name, forms in verdicts.forms.items():
+            both = zip(self.outputs, self.find_fits(name, forms), strict=True)
+            shown = [fitted is not None and _is_shown(state, fitted) for state, fitted in both]
+            if any(shown) and verdicts.names[name] < sure:
+                carries = np.where(shown, 1.0, verdicts.carries[name])
+                rest = (1.0 - sure) / (1.0 - verdicts.names[name])
+                names = {other: sure if other == name else rest * each for other, each in verdicts.names.items()}
+                return replace(verdicts, names=names, carries={**verdicts.carries, name: carries})
+        return verdicts
+
+    def list_carriers(self, name: str, forms: Sequence[str], carries: Array, mapped: bool) -> list[int]:
+        """Return the outputs that carry a name: probable, and with a gain that is worth it; none if all are too small.
+
+        A name that is likelier beside a static map has to gain beside it. In parts of one record, where a movement
+        repeats and a map of it tells whatever follows from it, it has to gain alone, and beside a map only if that
+        alone leaves clearly less than the name alone.
+        """
+        gains = {}
+        for place, state in enumerate(self.outputs):
+            fitted = self.choices[place].get((name, forms[place]))
+            if fitted is None or carries[place] <= 0.5:
+                continue
+            alone, kept, key = (state.current.raw, fitted.raw), self.left[place], (name, forms[place])
+            beside = (kept.beside[NONE, ""], kept.beside[key]) if mapped and key in kept.beside else alone
+            better = NEAR_BEST * kept.families[STATIC_MAP].sum() < fitted.raw.sum()
+            judged = [beside] if state.output.jitters else [alone, beside] if better else [alone]
+            before = min(state.ratio(_level(*both), both[1]) for both in judged)
+            if all(is_worth(state, *both, self.settings) for both in judged):
+                gains[place] = before
+            elif _is_shown(state, fitted):
+                gains[place] = max(before, np.nextafter(self.settings.smallest_gap, np.inf))
+        best = max(gains, key=gains.__getitem__, default=None)
+        if best is None or gains[best] <= self.settings.smallest_gap:
+            return []
+        # one name at one place of the chain: where it gains most
+        return [place for place in gains if self.outputs[place].output.channel == self.outputs[best].output.channel]
+
+    def decide(self, verdicts: Verdicts, gaps: Mapping[str, float]) -> Named | None:
+        """Return the effect to add, if one is more probable than nothing and any family, and closes what matters."""
+        carried = {
+            name: self.list_carriers(name, forms, verdicts.carries[name], verdicts.mapped[name])
+            for name, forms in verdicts.forms.items()
+            if name not in verdicts.families
+        }
+        possible = [name for name in carried if carried[name]]
+        best = max(possible, key=lambda name: verdicts.names[name], default=NONE)
+        if verdicts.names[best] <= max(verdicts.names[NONE], *(verdicts.names[each] for each in verdicts.families)):
+            return None
+        closed = {name: gaps[NONE] - gaps[name] for name in possible}
+        like = (1.0 - self.settings.ambiguous_share) * closed[best]
+        carriers, states = carried[best], [self.outputs[place] for place in carried[best]]
+        alternatives = tuple(
+            name
+            for name in sorted(possible, key=gaps.__getitem__)
+            if name != best and closed[name] > like and {*carried[name]} & {*carriers}
+        )
+        forms = tuple(verdicts.forms[best][place] for place in carriers)
+        fits = [self.choices[place][best, form] for place, form in zip(carriers, forms, strict=True)]
+        site, shown = fits[0].forms[-1].site, any(map(_is_shown, states, fits))
+        channel, elements = states[0].output.channel, tuple(each.output.element for each in states)
+        return Named(best, forms, site, channel, elements, verdicts.names[best], alternatives[:2], shown)
 
 
 def _is_shown(state: FittedChannel, fitted: Fitted) -> bool:
@@ -376,40 +427,6 @@ def extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
     return {key: refit_coloured(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
 
 
-def _decide(
-    outputs: Sequence[FittedChannel],
-    choices: Sequence[Choice],
-    left: Sequence[Left],
-    verdicts: Verdicts,
-    gaps: Mapping[str, float],
-    settings: SearchSettings,
-) -> Named | None:
-    """Return the effect to add, if one is more probable than nothing and than any family, and closes what matters."""
-    carried = {
-        name: _carriers(outputs, choices, left, name, forms, verdicts.carries[name], verdicts.mapped[name], settings)
-        for name, forms in verdicts.forms.items()
-        if name not in verdicts.families
-    }
-    possible = [name for name in carried if carried[name]]
-    best = max(possible, key=lambda name: verdicts.names[name], default=NONE)
-    if verdicts.names[best] <= max(verdicts.names[NONE], *(verdicts.names[each] for each in verdicts.families)):
-        return None
-    closed = {name: gaps[NONE] - gaps[name] for name in possible}
-    like = (1.0 - settings.ambiguous_share) * closed[best]
-    carriers = carried[best]
-    alternatives = tuple(
-        name
-        for name in sorted(possible, key=gaps.__getitem__)
-        if name != best and closed[name] > like and {*carried[name]} & {*carriers}
-    )
-    forms = tuple(verdicts.forms[best][place] for place in carriers)
-    first = next(form for form in outputs[carriers[0]].output.forms if (form.name, form.form) == (best, forms[0]))
-    fits = [choices[place][best, verdicts.forms[best][place]] for place in carriers]
-    shown = any(_is_shown(outputs[place], fitted) for place, fitted in zip(carriers, fits, strict=True))
-    channel, elements = outputs[carriers[0]].output.channel, tuple(outputs[each].output.element for each in carriers)
-    return Named(best, forms, first.site, channel, elements, verdicts.names[best], alternatives[:2], shown)
-
-
 def is_worth(state: FittedChannel, without: Array, having: Array, settings: SearchSettings) -> bool:
     """Return whether an effect takes enough of an output's gap, by squares (K,) that fits without and with it leave.
 
@@ -427,40 +444,3 @@ def _level(without: Array, having: Array) -> Array:
     most = int(np.argmax(gain))
     gain[most] = min(gain[most], max(float(gain.sum() - gain[most]), 0.0))
     return having + gain
-
-
-def _carriers(
-    outputs: Sequence[FittedChannel],
-    choices: Sequence[Choice],
-    left: Sequence[Left],
-    name: str,
-    forms: Sequence[str],
-    carries: Array,
-    mapped: bool,
-    settings: SearchSettings,
-) -> list[int]:
-    """Return the outputs that carry a name: probable, and with a gain that is worth it; none if all are too small.
-
-    A name that is likelier beside a static map has to gain beside it. In parts of one record, where a movement repeats
-    and a map of it tells whatever follows from it, it has to gain alone, and beside a map only if that alone leaves
-    clearly less than the name alone.
-    """
-    gains = {}
-    for place, state in enumerate(outputs):
-        fitted = choices[place].get((name, forms[place]))
-        if fitted is None or carries[place] <= 0.5:
-            continue
-        alone, kept, key = (state.current.raw, fitted.raw), left[place], (name, forms[place])
-        beside = (kept.beside[NONE, ""], kept.beside[key]) if mapped and key in kept.beside else alone
-        better = NEAR_BEST * kept.families[STATIC_MAP].sum() < fitted.raw.sum()
-        judged = [beside] if state.output.jitters else [alone, beside] if better else [alone]
-        before = min(state.ratio(_level(*both), both[1]) for both in judged)
-        if all(is_worth(state, *both, settings) for both in judged):
-            gains[place] = before
-        elif _is_shown(state, fitted):
-            gains[place] = max(before, np.nextafter(settings.smallest_gap, np.inf))
-    best = max(gains, key=gains.__getitem__, default=None)
-    if best is None or gains[best] <= settings.smallest_gap:
-        return []
-    # one name at one place of the chain: where it gains most
-    return [place for place in gains if outputs[place].output.channel == outputs[best].output.channel]

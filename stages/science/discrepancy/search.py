@@ -20,7 +20,7 @@ from stages.science.discrepancy.fitted_channel import (
     prepare,
     refine,
 )
-from stages.science.discrepancy.naming import Choice, Named, Round, is_worth, list_candidates, rank
+from stages.science.discrepancy.naming import Choice, Named, Round, is_worth, rank
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.fitting import Fit, fit
@@ -90,8 +90,7 @@ def _search(outputs: Sequence[FittedChannel], settings: SearchSettings, generato
     found = Search(list(outputs))
     found.steps.append([state.nominal for state in outputs])
     while len(found.named) < settings.most_effects:
-        candidates = list_candidates(found.outputs, settings)
-        looked, choices = rank(found.outputs, candidates, settings)
+        looked, choices = rank(found.outputs, settings)
         if _find_better_constants(found, choices):
             continue
         found.rounds.append(looked)
