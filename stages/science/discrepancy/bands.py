@@ -9,6 +9,7 @@ from typing import NamedTuple, Self
 import numpy as np
 from scipy.stats import norm
 
+from stages.science.discrepancy.resampling import find_interval
 from stages.science.output_channels.fitting import Fit
 from stages.science.output_channels.flexible import Mask
 from stages.science.signals.trajectories import Array
@@ -60,9 +61,7 @@ def measure_coverage(inside: Array, counts: Array, weights: Array, level: float)
 
     `inside` and `counts`, (K,), are samples of each trial within its bands, and all of them.
     """
-    low, high = np.quantile(
-        (weights @ inside) / np.maximum(weights @ counts, 1.0), [0.5 - 0.5 * level, 0.5 + 0.5 * level]
-    )
+    low, high = find_interval((weights @ inside) / np.maximum(weights @ counts, 1.0), level)
     return {
         "level": level,
         "coverage": float(inside.sum() / max(counts.sum(), 1.0)),

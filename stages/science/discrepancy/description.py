@@ -92,10 +92,9 @@ def describe_above_floor(
     smallest_gap, generator = settings.search.smallest_gap, draw("pseudo-inputs")
     unnamed = found.unexplained.set_index("channel")["probability"] >= settings.search.certain
     weights = resample(len(dataset.fitted), settings.bootstraps, draw("resample"))
-    known = {(row["channel"], row["muscle"]): row for row in found.channels.to_dict("records")}
     described = []
     for output in dataset.fitted_outputs:
-        row = known[output.channel, output.element]
+        row = found.read_channel(output)
         if row["gap_over_floor"] <= smallest_gap:
             continue
         model, values = found.restore(output, found.last_step)

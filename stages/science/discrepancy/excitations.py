@@ -20,23 +20,8 @@ Shape = Callable[[Array, float], Array]
 """Shares over times, s, for the time of a usual movement, s."""
 
 
-def _hold(share: float) -> Shape:
-    return lambda times, movement_s: np.full(len(times), share)
-
-
-def _sweep(times: Array, movement_s: float) -> Array:
-    """Up and down once, evenly, in all of the time."""
-    return 1.0 - np.abs(2.0 * times / max(times[-1], 1e-300) - 1.0)
-
-
-def _cycle(movements: float) -> Shape:
-    """Sines, each of which takes so many usual movements."""
-    return lambda times, movement_s: 0.5 - 0.5 * np.cos(2.0 * np.pi * times / (movements * movement_s))
-
-
-def _grow(times: Array, movement_s: float) -> Array:
-    """Sines about the middle that grow from nothing, so that it turns at many places."""
-    return 0.5 + 0.5 * times / max(times[-1], 1e-300) * np.sin(2.0 * np.pi * times / (2.0 * movement_s))
+def _cycle(times: Array, period_s: float) -> Array:
+    return 0.5 - 0.5 * np.cos(2.0 * np.pi * times / period_s)
 
 
 def _step(rise: float) -> Shape:
@@ -55,16 +40,19 @@ def _step(rise: float) -> Shape:
 
 
 SHAPES: Mapping[str, Shape] = {
-    "held low": _hold(0.1),
-    "held high": _hold(0.9),
-    "swept slowly": _sweep,
-    "cycled": _cycle(2.0),
-    "cycled fast": _cycle(0.75),
-    "cycled with growing amplitude": _grow,
+    "held low": lambda times, movement_s: np.full(len(times), 0.1),
+    "held high": lambda times, movement_s: np.full(len(times), 0.9),
+    "swept slowly": lambda times, movement_s: 1.0 - np.abs(2.0 * times / max(times[-1], 1e-300) - 1.0),
+    "cycled": lambda times, movement_s: _cycle(times, 2.0 * movement_s),
+    "cycled fast": lambda times, movement_s: _cycle(times, 0.75 * movement_s),
+    "cycled with growing amplitude": lambda times, movement_s: (
+        0.5 + 0.5 * times / max(times[-1], 1e-300) * np.sin(2.0 * np.pi * times / (2.0 * movement_s))
+    ),
     "stepped": _step(0.15),
     "moved and held": _step(0.6),
 }
-"""Smooth steps as of minimum jerk: Flash and Hogan, Journal of Neuroscience 5 (1985)."""
+"""A sweep goes up and down once in all of the time. Smooth steps are as of minimum jerk: Flash and Hogan, Journal of
+Neuroscience 5 (1985)."""
 
 
 def list_excitations(

@@ -11,6 +11,7 @@ import pandas as pd
 
 from stages.science.discrepancy.settings import DiscrepancySettings, Tolerance
 from stages.science.output_channels.muscle_channels import Build, ForceChannel, MuscleChannel, PressureChannel, Records
+from stages.science.output_channels.records import bridge
 from stages.science.plant.effect import Parameter
 from stages.science.recording.measured_tables import MeasuredTables
 from stages.science.signals.filtering import decimate, smooth
@@ -70,14 +71,9 @@ def _spread(rows: pd.DataFrame, order: Sequence[int], column: str, samples: int)
     values = np.zeros((samples, len(order)))
     groups = dict(tuple(rows.groupby("trial")[column])) if column in rows else {}
     for place, trial in enumerate(order):
-        if trial not in groups:
-            continue
-        got = groups[trial].to_numpy(dtype=float)
-        finite = np.isfinite(got)
-        known[: len(got), place] = finite
-        if finite.any():
-            at = np.flatnonzero(finite)
-            values[:, place] = np.interp(np.arange(samples), at, got[at])
+        if trial in groups:
+            got = groups[trial].reset_index(drop=True).reindex(range(samples))
+            known[:, place], values[:, place] = np.isfinite(got), bridge(got)
     return known, values
 
 

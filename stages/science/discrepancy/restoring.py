@@ -47,15 +47,13 @@ class SearchTables:
 
     def read_noise(self, output: OutputChannel) -> Noise:
         """Return the noise of an output channel."""
-        rows = self.channels
-        row = rows[(rows["channel"] == output.channel) & (rows["muscle"] == output.element)].iloc[0]
+        row = self.read_channel(output)
         return Noise(*(float(row[name]) for name in Noise._fields))
 
-    def read_floor(self, output: OutputChannel) -> float:
-        """Return the noise floor of an output channel on fitted trials left out, in its unit."""
+    def read_channel(self, output: OutputChannel) -> pd.Series:
+        """Return the row of an output channel."""
         rows = self.channels
-        mine = (rows["channel"] == output.channel) & (rows["muscle"] == output.element)
-        return float(rows.loc[mine, "noise_floor"].iloc[0])
+        return rows[(rows["channel"] == output.channel) & (rows["muscle"] == output.element)].iloc[0]
 
     def restore(self, output: OutputChannel, step: int) -> tuple[Model, Array]:
         """Return an output's model and values after some additions, its inputs corrected by what is known then."""

@@ -84,7 +84,7 @@ def verify(
         known = learned.get((output.channel, output.element))
         band = band if known is None else band.beside(known.deviation)
         found_here = Verified(output, simulated, free, floor, band)
-        if known is not None and known.deviation < found.read_floor(output):
+        if known is not None and known.deviation < found.read_channel(output)["noise_floor"]:
             found_here = replace(found_here, floor=found_here.squares(simulated[-1]))
         verified.append(found_here)
     return verified
