@@ -34,14 +34,7 @@ from stages.science.recording.column_map import ColumnMap, is_one_trial, join_pa
 from stages.science.recording.columns import RecordingError, check_rows, name_rows
 from stages.science.recording.description import UNTOLD, describe, list_arguments, quote
 from stages.science.recording.files.bags import is_bag
-from stages.science.recording.files.readers import (
-    FileError,
-    Header,
-    UnequalColumns,
-    read_columns,
-    read_header,
-    read_samples,
-)
+from stages.science.recording.files.readers import FileError, UnequalColumns, read_columns, read_header, read_samples
 from stages.science.recording.headings import read_heading
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
 from stages.science.recording.plausibility import check_readings, check_signals
@@ -326,7 +319,7 @@ def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame)
     with about(str(file)):
         header = read_header(file)
         given = cfg.map(known)
-        samples = given.adopt(read_wanted(file, given, header), header.names, header.units)
+        samples = given.adopt(read_wanted(file, given, header.names), header.names, header.units)
         if "time_s" not in samples and cfg.measurement.rate_hz is not None:
             samples = count_time(samples, [*key[:-1], "part"], cfg.measurement.rate_hz)
         if "record" in key:
@@ -334,7 +327,7 @@ def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame)
     return samples
 
 
-def read_wanted(file: Path, given: ColumnMap, header: Header) -> pd.DataFrame:
+def read_wanted(file: Path, given: ColumnMap, names: Sequence[str]) -> pd.DataFrame:
     """Read the columns that the map names, of each part behind each other where the ends of names tell parts."""
     if not given.endings:
         try:
@@ -344,7 +337,7 @@ def read_wanted(file: Path, given: ColumnMap, header: Header) -> pd.DataFrame:
                 f"{error}; if the ends of their names tell parts, as in uEst and uVal, map u and set "
                 "measurement.part_endings=[Est,Val]; else write them as one table"
             ) from None
-    parts = given.part_columns(header.names)
+    parts = given.part_columns(names)
     return join_parts({end: read_samples(file, own).rename(columns=own) for end, own in parts.items()})
 
 

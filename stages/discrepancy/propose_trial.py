@@ -15,14 +15,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
-from stages.science.discrepancy.proposal import (
-    ProposalSettings,
-    Proposed,
-    choose_round,
-    fit_rival,
-    predict,
-    propose,
-)
+from stages.science.discrepancy.proposal import ProposalSettings, Proposed, choose_round, predict, propose
 from stages.science.discrepancy.report_text import describe_proposal
 from stages.science.discrepancy.restoring import NominalTables, SearchTables, restore_states
 from stages.science.discrepancy.settings import DiscrepancySettings
@@ -83,9 +76,8 @@ def propose_trial(
     if question is not None and dataset.outputs[0].levers:
         nominal = restore_states(dataset, NominalTables(nominal_fit, found.channels, residuals))
         states = [found.resume(state, question.standing) for state in nominal]
-        rivals = [fit_rival(states, name, probability) for name, probability in chosen.items()]
         lead_in_s = 0.0 if hardware_recordings is None else measure_lead_in(hardware_recordings)
-        weighed = propose(states, rivals, cfg.discrepancy.search.largest_jitter, lead_in_s)
+        weighed = propose(states, chosen, cfg.discrepancy.search.largest_jitter, lead_in_s)
     if weighed is not None:
         written[PROPOSED_TRIALS.name] = list_trials(weighed)
     if weighed is not None and weighed.gain >= given.least_gain:

@@ -13,14 +13,7 @@ from stages.science.discrepancy.dataset import build_dataset
 from stages.science.discrepancy.decision import Decision, decide
 from stages.science.discrepancy.fitted_channel import prepare_all
 from stages.science.discrepancy.parts import Parts, list_parts
-from stages.science.discrepancy.proposal import (
-    ProposalSettings,
-    Proposed,
-    Question,
-    choose_round,
-    fit_rival,
-    propose,
-)
+from stages.science.discrepancy.proposal import ProposalSettings, Proposed, Question, choose_round, propose
 from stages.science.discrepancy.ranking import list_named, rank_first
 from stages.science.discrepancy.search import search
 from stages.science.discrepancy.settings import DiscrepancySettings
@@ -73,8 +66,7 @@ def choose_next(
     if question is not None:
         fits = decision.steps[question.standing]
         states = [replace(state, current=each) for state, each in zip(found.outputs, fits, strict=True)]
-        fitted = [fit_rival(states, name, probability) for name, probability in question.rivals.items()]
-        weighed = propose(states, fitted, settings.search.largest_jitter, lead_in_s)
+        weighed = propose(states, question.rivals, settings.search.largest_jitter, lead_in_s)
     return NextTrial(decision, question, weighed)
 
 

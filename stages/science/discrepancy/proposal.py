@@ -257,12 +257,13 @@ def _is_usual(recorded: OutputChannel, other: OutputChannel) -> NDArray[np.bool_
 
 
 def propose(
-    states: Sequence[FittedChannel], rivals: Sequence[Rival], largest_jitter: float, lead_in_s: float = 0.0
+    states: Sequence[FittedChannel], probabilities: Mapping[str, float], largest_jitter: float, lead_in_s: float = 0.0
 ) -> Proposed | None:
     """Return the kinds of trials of outputs that go no faster than recorded ones, weighed, each as long as these.
 
-    What is faster shows what no recorded trial did: a model is not known to hold there, whichever name is true. It
-    returns none if all are faster. Levers rest in the lead-in, where recorded trials begin with one.
+    Rivals are told by their names, with probabilities. What is faster shows what no recorded trial did: a model is not
+    known to hold there, whichever name is true. It returns none if all are faster. Levers rest in the lead-in, where
+    recorded trials begin with one.
     """
     first = states[0].output
     kinds, shares = list_excitations(first.levers, len(first.measured), first.step_s, first.time_scale_s, lead_in_s)
@@ -271,9 +272,10 @@ def propose(
     usual = np.flatnonzero(np.all([_is_usual(*both) for both in zip(recorded, outputs, strict=True)], axis=0))
     if not len(usual):
         return None
+    rivals = [fit_rival(states, name, probability) for name, probability in probabilities.items()]
     kinds, outputs = [kinds[k] for k in usual], [each.take(list(usual)) for each in outputs]
     evidence = expect_evidence(rivals, outputs, largest_jitter)
-    probability = weigh_rivals(np.array([each.probability for each in rivals]), evidence.sum(axis=3))
+    probability = weigh_rivals(np.array(list(probabilities.values())), evidence.sum(axis=3))
     mean = evidence.sum(axis=3)[_apart(rivals)].mean(axis=0)
     order = np.lexsort((-mean, -probability.round(DIGITS)))
     return Proposed(rivals, kinds, outputs, evidence, probability, [int(each) for each in order])

@@ -27,7 +27,6 @@ from stages.science.plant.record_plant import (
     Tries,
     begin,
     collect,
-    list_limits,
     read_initial_state,
 )
 from stages.science.signals.trajectories import Array
@@ -110,7 +109,7 @@ class MotionPlant(RecordPlant):
         if effect.unsigned and len(self.inputs) == 1:
             return self._list_signed_starts(effect, records, step_s)
         pushes = (self.pull(each, constants).push for each in records)
-        return list_limits(effect, "drive", pushes, self.know("output_scale") / self.know("time_scale_s") ** 2)
+        return self.list_limits(effect, "drive", pushes, self.know("output_scale") / self.know("time_scale_s") ** 2)
 
     def _list_signed_starts(self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float) -> Tries:
         """Return starts of a sensor that is blind to the sign, with constants guessed from outputs of both signs.

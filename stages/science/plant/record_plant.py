@@ -226,6 +226,17 @@ class RecordPlant(Declared):
         """
         return None
 
+    def list_limits(self, effect: Effect, form: str, drives: Iterable[Array], scale: float) -> Tries:
+        """Return values of a limit's one parameter, scale over limit, from which fits begin; None of another effect.
+
+        Of the form of saturation that limits drives, one of each record; a twentieth, a fifth and half of them lie
+        beyond.
+        """
+        if (effect.name, effect.form) != ("saturation", form):
+            return None
+        levels = np.quantile(np.concatenate([np.abs(each).ravel() for each in drives]), LIMITED) / scale
+        return [{effect.parameters[0].name: float(1.0 / level)} for level in levels if level > 0.0]
+
     def offers(self, effect: Effect) -> bool:
         """Return whether an effect of its site can act in this machine: here all of them."""
         return True
@@ -390,17 +401,6 @@ class RecordPlant(Declared):
         return [*((entry.effect, entry.parameters) for entry in self.effects), *effects]
 
 
-def list_limits(effect: Effect, form: str, drives: Iterable[Array], scale: float) -> Tries:
-    """Return values of a limit's one parameter, scale over limit, from which fits may begin; None of another effect.
-
-    Of the form of saturation that limits drives, one of each record; a twentieth, a fifth and half of them lie beyond.
-    """
-    if (effect.name, effect.form) != ("saturation", form):
-        return None
-    levels = np.quantile(np.concatenate([np.abs(each).ravel() for each in drives]), LIMITED) / scale
-    return [{effect.parameters[0].name: float(1.0 / level)} for level in levels if level > 0.0]
-
-
 def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effect, Mapping[str, float]]]) -> Terms:
     """Return the terms of several effects at a site, as a named tuple of a kind.
 
@@ -426,10 +426,11 @@ def begin(
     """Return the states (S, K) in which records begin: what agrees best with their first samples, near a guess.
 
     Two steps of Gauss and Newton. Of states (S, N), the records that they belong to (N,) and a count, `run` returns so
-    many first samples of the output. Gaussian priors have means `guess` and deviations `wide`, (S, K); `heads` (H, K)
-    are measured, NaN where nothing was, with a noise (K,) in the output's unit.
+    many first samples of the output. Gaussian priors have means `guess` and deviations `wide`, (S, K); `heads` (T, K)
+    are measured, the first `HEAD` samples count, NaN where nothing was, with a noise (K,) in the output's unit.
     """
     count, records = guess.shape
+    heads = heads[:HEAD]
     known = np.isfinite(heads)
     samples = np.maximum(known.sum(axis=0), 1)
     step = 1e-2 * wide

@@ -14,7 +14,6 @@ from stages.science.discrepancy.fitted_channel import prepare
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.parts import Parts, assign_parts
 from stages.science.discrepancy.proposal import (
-    Rival,
     choose_rivals,
     choose_round,
     expect_evidence,
@@ -28,6 +27,8 @@ from stages.science.recording.datasets import tabulate_session
 from tests.science.discrepancy.searches import DISCREPANCY, SETTINGS
 from tests.science.discrepancy.simulated_records import build_records, configured, tabulate, wander
 from tests.science.discrepancy.toys import KINK, WAVE, Toy, make_toy
+
+EVEN = {"wave": 0.5, "kink": 0.5}
 
 
 @dataclass(frozen=True)
@@ -58,7 +59,7 @@ class Jittering(DrivenToy):
 
 def find_rivals(kind):
     state = prepare(kind(**vars(make_driven())))
-    return state, [fit_rival([state], name, 0.5) for name in ("wave", "kink")]
+    return state, [fit_rival([state], *each) for each in EVEN.items()]
 
 
 @pytest.fixture(scope="module")
@@ -100,8 +101,8 @@ def test_evidence_is_what_is_left_when_the_other_is_fitted_to_old_and_new_trials
 
 
 def test_the_proposed_trial_tells_more_than_most_and_stays_in_what_was_seen(rivals):
-    state, both = rivals
-    weighed = propose([state], both, SETTINGS.largest_jitter)
+    state, _ = rivals
+    weighed = propose([state], EVEN, SETTINGS.largest_jitter)
     best = weighed.order[0]
     x, seen = weighed.outputs[0].x, state.output.x
     assert seen.min() <= x.min() < x.max() <= seen.max()
@@ -113,11 +114,10 @@ def test_the_proposed_trial_tells_more_than_most_and_stays_in_what_was_seen(riva
 
 
 def test_where_all_is_faster_than_what_was_seen_nothing_is_proposed(rivals):
-    state, both = rivals
+    state, _ = rivals
     still = DrivenToy(**{**vars(state.output), "x": np.tile(np.linspace(0.0, 0.2, 300)[:, None], 4)})
     slow = prepare(still)
-    names = [Rival(each.name, 0.5, [slow.current]) for each in both]
-    assert propose([slow], names, SETTINGS.largest_jitter) is None
+    assert propose([slow], EVEN, SETTINGS.largest_jitter) is None
 
 
 def test_a_muscle_is_driven_within_what_it_did_and_both_of_a_joint_agree():
@@ -227,11 +227,10 @@ def test_where_a_family_without_a_name_leads_no_name_has_a_rival(nameless, rival
 
 
 def test_a_trial_that_hardly_raises_the_probability_of_the_true_name_is_not_proposed(rivals):
-    state, both = rivals
-    weighed = propose([state], both, SETTINGS.largest_jitter)
-    told = {each.name: each.probability for each in both}
-    assert describe_proposal(told, weighed, 0.9 * weighed.gain).startswith("To tell ")
-    refused = describe_proposal(told, weighed, 1.1 * weighed.gain)
+    state, _ = rivals
+    weighed = propose([state], EVEN, SETTINGS.largest_jitter)
+    assert describe_proposal(EVEN, weighed, 0.9 * weighed.gain).startswith("To tell ")
+    refused = describe_proposal(EVEN, weighed, 1.1 * weighed.gain)
     assert refused.startswith(
         f"No further trial is proposed: the best of these kinds ({weighed.spell(weighed.order[0])})"
     )

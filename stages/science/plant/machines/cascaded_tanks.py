@@ -16,16 +16,7 @@ from pydantic import Field
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
 from stages.science.plant.filters import read
-from stages.science.plant.record_plant import (
-    HEAD,
-    InitialState,
-    Placed,
-    Positive,
-    RecordPlant,
-    Watched,
-    begin,
-    collect,
-)
+from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Watched, begin, collect
 from stages.science.signals.trajectories import Array
 
 SITE = "tank"
@@ -182,9 +173,8 @@ class CascadedTanks(RecordPlant):
             lower = np.maximum(begun.value - reading_offset, 0.0)
             state = np.stack([np.maximum(begun.rate + lower_outflow * np.sqrt(lower), 0.0), lower])
         if begun is not None and self.output in signals:
-            heads = signals[self.output][:HEAD]
             wide = np.full(state.shape, self.output_scale) / np.array([[self.time_scale_s], [1.0]])
-            state = begin(run, state, wide, heads, begun.noise)
+            state = begin(run, state, wide, signals[self.output], begun.noise)
         return run(state, np.arange(len(columns)), columns.shape[1])
 
     def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:

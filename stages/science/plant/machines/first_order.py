@@ -17,17 +17,7 @@ from stages.science.plant.declaration import Declared
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
 from stages.science.plant.filters import read
 from stages.science.plant.linear_guess import filter_derivatives, find_pace, regress
-from stages.science.plant.record_plant import (
-    HEAD,
-    InitialState,
-    Placed,
-    Positive,
-    RecordPlant,
-    Tries,
-    begin,
-    collect,
-    list_limits,
-)
+from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Tries, begin, collect
 from stages.science.signals.trajectories import Array
 
 SITE = "lag"
@@ -127,9 +117,9 @@ class FirstOrder(RecordPlant):
     def list_starts(
         self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float, constants: Mapping[str, float]
     ) -> Tries:
-        """Return limits of the input; see `list_limits`."""
+        """Return limits of the input; see `RecordPlant.list_limits`."""
         aims = (constants["gain"] * each[self.input] for each in records)
-        return list_limits(effect, "lag_drive", aims, self.know("output_scale"))
+        return self.list_limits(effect, "lag_drive", aims, self.know("output_scale"))
 
     @property
     def memory_s(self) -> float:
@@ -195,7 +185,7 @@ class FirstOrder(RecordPlant):
         if begun is not None:
             start = (begun.value[None] - constants["offset"]) / scale
             if self.output in signals:
-                heads = (signals[self.output][:HEAD] - constants["offset"]) / scale
+                heads = (signals[self.output] - constants["offset"]) / scale
                 error, noise = np.maximum(begun.value_error[None] / scale, 1e-6), begun.noise / scale
                 start = begin(run, start, error, heads, noise)
         return constants["offset"] + scale * run(start, np.arange(len(columns)), columns.shape[1])
