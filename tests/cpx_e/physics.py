@@ -37,7 +37,9 @@ class Idle:
         exoskeleton = machine.exoskeleton
         self.chain = Chain(exoskeleton, machine.plant)
         self.of_muscle = np.array(exoskeleton.joint_of_muscle)
-        taus = np.array([machine.plant.model_of(muscle).valve_tau_s for muscle in exoskeleton.muscles])
+        taus = np.array(
+            [machine.plant.find_model(muscle.name, muscle.type).valve_tau_s for muscle in exoskeleton.muscles]
+        )
         self.share = 1.0 - np.exp(-self.chain.step_s / taus)
         self.start, self.middle = angle_rad, _middle(machine)
         self.steps, self.glide = 0, round(GLIDE_S * exoskeleton.sampling_rate_hz)
@@ -119,7 +121,7 @@ class Plant:
     def __init__(self, machine: Machine, faults: Faults):
         self.machine, self.faults = machine, faults
         self.generator = np.random.default_rng(machine.seed)
-        models = [machine.plant.model_of(muscle) for muscle in machine.exoskeleton.muscles]
+        models = [machine.plant.find_model(muscle.name, muscle.type) for muscle in machine.exoskeleton.muscles]
         self.noise = np.array([(each.pressure_noise_kpa, each.force_noise_n) for each in models]).T
         self.channels = [channel for _, channel in machine.sensors().values()]
         self.step_s = 1.0 / machine.exoskeleton.sampling_rate_hz

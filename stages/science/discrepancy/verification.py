@@ -73,7 +73,7 @@ def verify(
             simulated.append(_simulate(model.output, model, values, maps))
             driven: OutputChannel = model.output
             if isinstance(output, ForceChannel) and (output.element, place) in pressures:
-                driven = output.from_pressure(pressures[output.element, place])
+                driven = output.from_signals({"smooth_pressure_kpa": pressures[output.element, place]})
             if isinstance(output, MuscleChannel):
                 free.append(_simulate(driven, model, values, maps))
             if output.channel == "pressure_kpa":

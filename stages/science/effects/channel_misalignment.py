@@ -34,7 +34,6 @@ EFFECT = ChainEffect(
 
 LATE_ELEMENT = ElementEffect(
     name="channel_misalignment",
-    form="element",
     parameters=(
         Parameter("paces_late", "1", -0.3, 0.3, 0.0, 0.03, "by which the answer is late, over the pace", (0.03, -0.03)),
     ),

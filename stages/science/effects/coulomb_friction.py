@@ -97,7 +97,6 @@ YIELDING_CABLE = replace(
 
 RUBBING_ELEMENT = ElementEffect(
     name="coulomb_friction",
-    form="element",
     parameters=(
         Parameter("share", "1", -2.0, 2.0, 0.0, 0.3, "friction over the answer's scale", (0.1, -0.1)),
         Parameter("sliding", "1", 0.002, 1.0, 0.05, 0.05, "rate at which it slides, scales per pace", (0.02, 0.2)),

@@ -76,7 +76,6 @@ def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
 
 YIELDING_ELEMENT = ElementEffect(
     name="creep",
-    form="element",
     parameters=(
         Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "slow stiffness over the answer's scale", (0.1, -0.1)),
         Parameter("paces", "1", 0.02, 20.0, 1.0, 1.0, "time in which it yields, over the pace", (0.2, 1.0, 4.0)),
@@ -128,10 +127,7 @@ FORMS = (
             replace(TAU, high=10.0, prior_mean=1.0, prior_sd=1.0, starts=(0.4, 1.5)),
             Parameter("ratio", "1", 3.0, 30.0, 10.0, 5.0, "slower over slow time constant", (8.0,)),
         ),
-        source=(
-            "Ferry, Viscoelastic properties of polymers, 3rd edition (1980), chapter 3: a row of Maxwell elements "
-            "relaxes with the logarithm of time"
-        ),
+        source=TWO_BRANCHES_ELEMENT.source,
         apply=_apply_two_branches,
     ),
     replace(

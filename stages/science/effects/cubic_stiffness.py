@@ -50,7 +50,6 @@ DUFFING = DynamicEffect(
 
 HARDENING_ELEMENT = ElementEffect(
     name="cubic_stiffness",
-    form="element",
     parameters=(
         Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "at one scale from the middle over the answer's", (0.1, -0.1)),
     ),

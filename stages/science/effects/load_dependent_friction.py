@@ -24,7 +24,6 @@ def _apply_late(answer: Array, bench: Bench, parameters: Values) -> Array:
 
 EFFECT = ElementEffect(
     name="load_dependent_friction",
-    form="element",
     parameters=(
         Parameter("share", "1", -5.0, 5.0, 0.0, 0.5, "what full load adds, over the answer's scale", (0.1, -0.1)),
         Parameter("sliding", "1", 0.002, 1.0, 0.05, 0.05, "rate at which it slides, scales per pace", (0.02, 0.2)),

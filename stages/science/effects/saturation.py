@@ -117,7 +117,6 @@ def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
 
 CUT_ELEMENT = ElementEffect(
     name="saturation",
-    form="element",
     parameters=ENDS,
     source=EFFECT.source,
     signature="the answer stays at one value wherever it should go beyond it, at one end or at both",

@@ -45,7 +45,6 @@ EFFECT = ChainEffect(
 
 DRIFTING_ELEMENT = ElementEffect(
     name="sensor_drift",
-    form="element",
     parameters=(
         Parameter("share_per_100_paces", "1", -5.0, 5.0, 0.0, 0.3, "drift over the answer's scale", (0.1, -0.1)),
     ),

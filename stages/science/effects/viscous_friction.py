@@ -81,7 +81,6 @@ QUADRATIC = DynamicEffect(
 
 DAMPED_ELEMENT = ElementEffect(
     name="viscous_friction",
-    form="element",
     parameters=(
         Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "friction at one scale per pace over the answer's", (0.1, -0.1)),
     ),

@@ -5,11 +5,10 @@ each trial what leaving it out would change. Steps are Gauss-Newton's with bound
 simulations.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
 from itertools import chain
+from typing import Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -83,7 +82,7 @@ class Model:
         starts = [each.starts[0] for form in self.forms for each in form.parameters]
         return np.array([*means, *starts, *np.zeros(len(self.weights_sd))], dtype=float)
 
-    def take(self, trials: Sequence[int]) -> Model:
+    def take(self, trials: Sequence[int]) -> Self:
         """Return the model on some of its trials, by position."""
         family = self.family and Family(Columns(self.family.columns.values[:, list(trials)]), self.family.sd)
         return replace(self, output=self.output.take(trials), family=family)

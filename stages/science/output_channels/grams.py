@@ -4,8 +4,6 @@ Signals and a noise flow in; a linearised model's `Grams` flow out. Offset and g
 length one: taken out of the plain sums, they come back over their own variance, so that no signal is whitened.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from functools import cached_property
 

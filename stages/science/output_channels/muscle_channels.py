@@ -4,8 +4,6 @@ Each is fed with measured signals from upstream, so that a fault shows where it 
 flow in; outputs flow out.
 """
 
-from __future__ import annotations
-
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
@@ -76,7 +74,7 @@ class Records:
     readings: Mapping[str, Array]
     """By signal, what its sensor showed, each sample of the recording, (S, K); NaN where nothing."""
 
-    def take(self, trials: Sequence[int]) -> Records:
+    def take(self, trials: Sequence[int]) -> Self:
         """Return some of the trials."""
         chosen = list(trials)
         signals = ("command_kpa", "pressure_kpa", "smooth_pressure_kpa", "contraction", "velocity_per_s", "force_n")
@@ -275,34 +273,26 @@ class ForceChannel(MuscleChannel):
         whole = float(np.linalg.norm(there))
         return 0.5 * float(np.linalg.norm(there[::-1] - back)) / whole if whole > 0.0 else 0.0
 
-    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> ForceChannel:
+    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> Self:
         """Return the output with the true pressure, where the pressure's sensor has an effect."""
         placed = [(find_effect(name, form), values) for name, form, values in effects if name != QUANTISATION]
-        sensor = [
-            Acting(effect, values)
-            for effect, values in placed
-            if isinstance(effect, ChainEffect) and effect.signal == "sensed_pressure_kpa"
-        ]
+        sensor = [each for each in placed if getattr(each[0], "signal", "") == "sensed_pressure_kpa"]
         if not sensor:
             return self
-        path = ActuatorPath(self._collect({}), sensor, self.step_s, self.start_s)
-        return self.from_pressure(path.unsense_pressure(self.records.smooth_pressure_kpa))
+        path = self._place(sensor)
+        return self.from_signals({"smooth_pressure_kpa": path.unsense_pressure(self.records.smooth_pressure_kpa)})
 
-    def acting(self, effects: Placed) -> ForceChannel:
+    def acting(self, effects: Placed) -> Self:
         """Return the output with the contraction that acts, where what shows it has an effect."""
-        inner = [
-            each for each in _name_effects(effects) if each[0].site == "sensor" and each[0].signal == "contraction"
-        ]
+        inner = [each for each in _name_effects(effects) if (each[0].site, each[0].signal) == ("sensor", "contraction")]
         if not inner:
             return self
-        path = ActuatorPath(self._collect({}), [Acting(*each) for each in inner], self.step_s, self.start_s)
-        return self.from_signals({"contraction": path.contract(self.records.contraction)})
+        return self.from_signals({"contraction": self._place(inner).contract(self.records.contraction)})
 
-    def from_pressure(self, pressure_kpa: Array) -> ForceChannel:
-        """Return the output with another pressure, (T, K), than the measured one."""
-        return self.from_signals({"smooth_pressure_kpa": pressure_kpa})
+    def _place(self, effects: Sequence[tuple[Any, Mapping[str, float]]]) -> ActuatorPath:
+        return ActuatorPath(self._collect({}), [Acting(*each) for each in effects], self.step_s, self.start_s)
 
-    def from_signals(self, signals: Mapping[str, Array]) -> ForceChannel:
+    def from_signals(self, signals: Mapping[str, Array]) -> Self:
         """Return the output with other signals, (T, K), than those recorded, by their names in its records."""
         own: dict[str, Any] = {name: np.ascontiguousarray(each) for name, each in signals.items()}
         return replace(self, records=replace(self.records, **own))

@@ -4,8 +4,6 @@ An output channel knows its measured signal, the constants of its nominal model 
 values for all of these it simulates. Nothing else of the workflow knows what machine it looks at.
 """
 
-from __future__ import annotations
-
 import threading
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Mapping, Sequence
@@ -213,14 +211,14 @@ class OutputChannel(ABC):
         """Return the counts of which all measured values are whole multiples, if they are."""
         return None
 
-    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> OutputChannel:
+    def correct(self, effects: Sequence[tuple[str, str, Mapping[str, float]]]) -> Self:
         """Return the output with its inputs corrected for effects of upstream sensors; itself where there are none.
 
         Those are of another channel of this element: (name, form, parameters).
         """
         return self
 
-    def told_by(self, constants: Mapping[str, float]) -> OutputChannel:
+    def told_by(self, constants: Mapping[str, float]) -> Self:
         """Return the output whose drivers are told by these constants, where drivers depend on constants; else itself.
 
         A learned map takes them so: the amended plant knows no others.
@@ -231,7 +229,7 @@ class OutputChannel(ABC):
         """Return whether a simulator of this machine knows an input of `list_inputs`; here all that were measured."""
         return True
 
-    def acting(self, effects: Placed) -> OutputChannel:
+    def acting(self, effects: Placed) -> Self:
         """Return the output with the inputs that act, where effects of their sensors are among its own; else itself."""
         return self
 

@@ -3,10 +3,9 @@
 Signals of trials flow in; their parts, and the signals over the standard deviations of these parts, flow out.
 """
 
-from __future__ import annotations
-
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from typing import Self
 
 import numpy as np
 
@@ -31,7 +30,7 @@ class TrialNoise:
     simulated: Array
     """The signal, (T, K), that a trial's gain multiplies: without the measured one's noise, which a gain would hide."""
 
-    def take(self, trials: Sequence[int]) -> TrialNoise:
+    def take(self, trials: Sequence[int]) -> Self:
         """Return the noise of some of the trials, by position."""
         return replace(self, simulated=self.simulated[:, list(trials)])
 

@@ -4,8 +4,6 @@ Arrays (T, K) flow in and out. A rig's chain is a path of all its muscles; a fit
 side by side. Effects act at their signals in the order in which they are listed.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from typing import Literal
@@ -62,7 +60,7 @@ class ActuatorPath:
     step_s: float
     start_s: Array
 
-    def repeat(self, copies: int) -> ActuatorPath:
+    def repeat(self, copies: int) -> "ActuatorPath":
         """Return the path of so many copies of all columns, one copy after another."""
         constants = MuscleConstants(*np.tile(self.constants, (1, copies)))
         return ActuatorPath(constants, self.effects, self.step_s, np.tile(self.start_s, copies))

@@ -6,13 +6,11 @@ the first parameter is the magnitude, and zero magnitude means that the effect i
 forms in the literature: they share its name, and the module of that name lists them.
 """
 
-from __future__ import annotations
-
 import importlib
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Literal
+from typing import Any, Literal, Self
 
 import numpy as np
 from numpy.typing import NDArray
@@ -74,7 +72,7 @@ class State:
     start_s: Array
     """When each column's trial began in the session, (K,); zero where that is not known."""
 
-    def select(self, columns: NDArray[np.bool_]) -> State:
+    def select(self, columns: NDArray[np.bool_]) -> Self:
         """Return the state of some columns; `columns` is a (K,) mask."""
         changed: dict[str, Any] = {
             name: np.ascontiguousarray(getattr(self, name)[:, columns])
@@ -160,6 +158,7 @@ class ElementEffect(NamedEffect):
     where a form has several sliders, which no one slope tells apart.
     """
 
+    form: str = "element"
     site: Literal["element"] = "element"
     apply: Callable[[Array, Bench, Mapping[str, float]], Array]
     scales: bool = True

@@ -13,7 +13,7 @@ from pydantic import Field, model_serializer, model_validator
 from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.effect import DynamicEffect, Effect, ElementEffect, find_effect, list_forms
 from stages.science.plant.effect_config import EffectConfig, check_parameters
-from stages.science.plant.exoskeleton import Exoskeleton, Muscle
+from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.learned_map import ADDED_TO, LearnedMap
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients
 
@@ -131,7 +131,7 @@ class Plant(Declared):
             effect twice.
         """
         for muscle in exoskeleton.muscles:
-            self.model_of(muscle)
+            self.find_model(muscle.name, muscle.type)
         seen = set()
         for index, entry in enumerate(self.effects):
             kind, chosen, known = "muscle", entry.muscles, exoskeleton.muscle_names
@@ -155,10 +155,6 @@ class Plant(Declared):
                     raise ValueError(f"plant.learned.{index}.{what}: got '{name}'; {nearest(name, known)}")
         return self
 
-    def model_of(self, muscle: Muscle) -> MuscleModel:
-        """Return a muscle's constants; see `find_model`."""
-        return self.find_model(muscle.name, muscle.type)
-
     def find_model(self, name: str, kind: str) -> MuscleModel:
         """Return the constants of a muscle of a name and a type: its own, else its type's.
 
@@ -178,7 +174,7 @@ def collect_constants(exoskeleton: Exoskeleton, plant: Plant) -> MuscleConstants
     """Return the constants of all muscles as arrays, in the exoskeleton's order."""
     rows = []
     for muscle in exoskeleton.muscles:
-        model = plant.model_of(muscle)
+        model = plant.find_model(muscle.name, muscle.type)
         area = 1000.0 * np.pi * (0.5 * muscle.nominal_diameter_m) ** 2
         a, b = braid_coefficients(model.braid_angle_deg)
         told = {

@@ -28,7 +28,7 @@ def record(
     """
     rate_hz = exoskeleton.sampling_rate_hz
     chain = Chain(exoskeleton, plant, start_s - lead / rate_hz)
-    models = [plant.model_of(muscle) for muscle in exoskeleton.muscles]
+    models = [plant.find_model(muscle.name, muscle.type) for muscle in exoskeleton.muscles]
     pressure_noise, force_noise, angle_noise = _draw_noise(generator, command_kpa, motion.joint_angle_rad, lead)
     pressure = chain.sense_pressure(
         motion.pressure_kpa + pressure_noise * np.array([each.pressure_noise_kpa for each in models])

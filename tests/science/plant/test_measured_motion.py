@@ -29,7 +29,7 @@ def test_muscles_at_rest_pull_by_the_static_law():
     rig, rows = record()
     force = simulate_force(rig.plant, rig.exoskeleton, rows, ["trial"], SMOOTHING_S)
     for muscle in rig.exoskeleton.muscles:
-        model = rig.plant.model_of(muscle)
+        model = rig.plant.find_model(muscle.name, muscle.type)
         own = rows["muscle"] == muscle.name
         pressure, contraction = rows.loc[own, "pressure_kpa"].iloc[0], rows.loc[own, "contraction"].iloc[0]
         a, b = braid_coefficients(model.braid_angle_deg)
@@ -54,7 +54,7 @@ def test_a_sensor_drifts_over_the_session_and_not_over_what_was_recorded_apart()
     force = simulate_force(plant, rig.exoskeleton, rows, ["trial"], SMOOTHING_S, in_session=True)
     apart = simulate_force(plant, rig.exoskeleton, rows, ["trial"], SMOOTHING_S)
     muscle = rig.exoskeleton.muscles[0]
-    a, b = braid_coefficients(rig.plant.model_of(muscle).braid_angle_deg)
+    a, b = braid_coefficients(rig.plant.find_model(muscle.name, muscle.type).braid_angle_deg)
     full_n = 1000.0 * np.pi * (0.5 * muscle.nominal_diameter_m) ** 2 * muscle.max_pressure_kpa * (a - b)
     minutes = SAMPLES / rig.exoskeleton.sampling_rate_hz / 60.0
     first, second = ((rows["trial"] == trial) & (rows["muscle"] == "pam1") for trial in (0, 1))

@@ -90,7 +90,12 @@ def test_a_muscles_own_constants_come_before_its_types():
     machine, values = configured().exoskeleton, configured().plant.model_dump()
     values["muscles"]["pam3"] = values["muscles"]["MAS-40"] | {"damping_n_s": 1.0}
     plant = Plant.model_validate(values)
-    assert [plant.model_of(muscle).damping_n_s for muscle in machine.muscles] == [90.0, 7.5, 1.0, 7.5]
+    assert [plant.find_model(muscle.name, muscle.type).damping_n_s for muscle in machine.muscles] == [
+        90.0,
+        7.5,
+        1.0,
+        7.5,
+    ]
 
 
 @pytest.mark.parametrize(

@@ -69,7 +69,7 @@ def test_sensors_sample_before_the_command_acts():
     pressure = np.stack([execute(rig, Trial("passive", "nobody", command), seed).pressure_kpa for seed in range(30)])
     mean, noise = pressure.mean(axis=0), 0.4 / np.sqrt(30)
     assert np.abs(mean[:401] - 100.0).max() < 6 * noise
-    tau = np.array([rig.plant.model_of(row).valve_tau_s for row in rig.exoskeleton.muscles])
+    tau = np.array([rig.plant.find_model(row.name, row.type).valve_tau_s for row in rig.exoskeleton.muscles])
     assert mean[401] == pytest.approx(100.0 + 10.0 * (1 - np.exp(-0.004 / tau)), abs=5 * noise)
     assert pressure[0, :400].std(axis=0) == pytest.approx(0.4, rel=0.15)
 
