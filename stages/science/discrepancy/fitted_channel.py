@@ -22,8 +22,9 @@ from stages.science.output_channels.flexible import (
 )
 from stages.science.output_channels.grams import Columns
 from stages.science.output_channels.noise import Noise, estimate_noise, make_plain
-from stages.science.output_channels.output_channel import Counts, EffectForm, OutputChannel, map_in_threads
+from stages.science.output_channels.output_channel import Counts, OutputChannel, map_in_threads
 from stages.science.output_channels.trial_noise import TrialNoise
+from stages.science.plant.effect import NamedEffect
 from stages.science.signals.trajectories import Array
 
 FAR, LARGE = 4.0, 0.1
@@ -43,12 +44,12 @@ class Fitted:
     raw: Array
 
     @property
-    def forms(self) -> tuple[EffectForm, ...]:
+    def forms(self) -> tuple[NamedEffect, ...]:
         """Effects in the model."""
         return self.fit.model.forms
 
     @property
-    def effects(self) -> list[tuple[EffectForm, dict[str, float]]]:
+    def effects(self) -> list[tuple[NamedEffect, dict[str, float]]]:
         """Effects with their fitted parameters."""
         return self.fit.model.name_values(self.fit.values)[1]
 

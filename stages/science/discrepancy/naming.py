@@ -24,8 +24,9 @@ from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import TrialScores, compare_by
 from stages.science.output_channels.families import join
 from stages.science.output_channels.noise import Noise, make_plain
-from stages.science.output_channels.output_channel import EffectForm, OutputChannel, map_in_threads
+from stages.science.output_channels.output_channel import OutputChannel, map_in_threads
 from stages.science.output_channels.trial_noise import TrialNoise, estimate_trial_noise, split_residual
+from stages.science.plant.effect import NamedEffect
 from stages.science.signals.trajectories import Array
 
 Choice = dict[tuple[str, str], Fitted]
@@ -346,7 +347,7 @@ def _score_output(
     return told, Left(families, {key: each.raw for key, each in beside.items()})
 
 
-def _is_static(state: FittedChannel, form: EffectForm, settings: SearchSettings) -> bool:
+def _is_static(state: FittedChannel, form: NamedEffect, settings: SearchSettings) -> bool:
     """Return whether a form at the last of its starts is a static map itself."""
     start = {each.name: each.starts[-1] for each in form.parameters}
     return state.output.find_past_share(form, start) < settings.least_share

@@ -11,7 +11,8 @@ from stages.science.discrepancy.fitted_channel import FittedChannel, assess, res
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.flexible import Leftover
 from stages.science.output_channels.noise import Noise, make_plain
-from stages.science.output_channels.output_channel import EffectForm, OutputChannel
+from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.plant.effect import NamedEffect
 from stages.science.signals.trajectories import Array
 
 
@@ -64,7 +65,7 @@ class SearchTables:
         output = output.correct(_group(upstream))
         constants = rows[rows["effect"] == ""].set_index("parameter")["value"]
         values = [float(constants[each.name]) for each in output.constants]
-        forms: list[EffectForm] = []
+        forms: list[NamedEffect] = []
         for effect, form, by_name in _group(rows[rows["effect"] != ""]):
             found = next((each for each in output.forms if (each.name, each.form) == (effect, form)), None)
             if found is None:

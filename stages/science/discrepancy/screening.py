@@ -15,7 +15,7 @@ from stages.science.output_channels.fitting import Fit, find_least
 from stages.science.output_channels.fitting import fit as fit_values
 from stages.science.output_channels.grams import Grams, collect_grams
 from stages.science.output_channels.noise import Noise, make_plain, whiten
-from stages.science.output_channels.output_channel import EffectForm
+from stages.science.plant.effect import NamedEffect
 from stages.science.signals.trajectories import Array
 
 TRIED = 12
@@ -31,7 +31,7 @@ class Screened:
     imitate; `known` the values, (P,), of the model without it from which it begins.
     """
 
-    form: EffectForm
+    form: NamedEffect
     start: dict[str, float]
     gain: float
     raw_gain: float
@@ -39,7 +39,7 @@ class Screened:
     known: Array
 
 
-def screen(fit: Fit, noise: Noise, forms: Sequence[EffectForm]) -> list[Screened]:
+def screen(fit: Fit, noise: Noise, forms: Sequence[NamedEffect]) -> list[Screened]:
     """Return the screening result of each form, from the best of its starts."""
     output = fit.model.output
     present = output.present
@@ -82,7 +82,7 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[EffectForm]) -> list[Screened
     return list(best.values())
 
 
-def _try_starts(found: Fit, forms: Sequence[EffectForm]) -> dict[tuple[str, str], Screened]:
+def _try_starts(found: Fit, forms: Sequence[NamedEffect]) -> dict[tuple[str, str], Screened]:
     """Return the screening results of forms by a few iterations of a fit from each of their starts."""
     output, model = found.model.output, found.model
     before = np.sum(np.where(output.present, found.leave_each_out(), 0.0) ** 2)

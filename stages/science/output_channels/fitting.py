@@ -15,9 +15,9 @@ from numpy.typing import NDArray
 
 from stages.science.output_channels.grams import Collector, Columns, Grams
 from stages.science.output_channels.noise import Noise
-from stages.science.output_channels.output_channel import EffectForm, OutputChannel
+from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.output_channels.trial_noise import TrialNoise
-from stages.science.plant.effect import Parameter
+from stages.science.plant.effect import NamedEffect, Parameter
 from stages.science.signals.trajectories import Array
 
 STEP = 1e-4
@@ -49,7 +49,7 @@ class Model:
     """
 
     output: OutputChannel
-    forms: tuple[EffectForm, ...] = ()
+    forms: tuple[NamedEffect, ...] = ()
     family: Family | None = None
 
     @property
@@ -87,7 +87,7 @@ class Model:
         family = self.family and Family(Columns(self.family.columns.values[:, list(trials)]), self.family.sd)
         return replace(self, output=self.output.take(trials), family=family)
 
-    def name_values(self, values: Array) -> tuple[dict[str, float], list[tuple[EffectForm, dict[str, float]]]]:
+    def name_values(self, values: Array) -> tuple[dict[str, float], list[tuple[NamedEffect, dict[str, float]]]]:
         """Return values by name: the constants', and each effect's."""
         names = [each.name for each in self.output.constants]
         constants = dict(zip(names, map(float, values), strict=False))

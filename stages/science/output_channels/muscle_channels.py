@@ -18,13 +18,12 @@ from stages.science.output_channels.output_channel import (
     Counts,
     DetectionSettings,
     Driver,
-    EffectForm,
     OutputChannel,
     Placed,
     list_starts,
 )
 from stages.science.plant.actuator_path import Acting, ActuatorPath, predict_force, predict_pressure
-from stages.science.plant.effect import ChainEffect, Parameter, find_effect, list_effects, list_forms
+from stages.science.plant.effect import ChainEffect, NamedEffect, Parameter, find_effect, list_effects, list_forms
 from stages.science.plant.learned_map import DRIVES, SESSION_TIME, TIME
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients
 from stages.science.signals.filtering import white_share
@@ -152,7 +151,7 @@ class MuscleChannel(OutputChannel):
     def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
         """Return the level at which this channel is clipped as the parameter of ``saturation``."""
 
-    def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
+    def starts(self, form: NamedEffect, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return starting values of a form; of saturation the level that repeated values show, or none."""
         if form.name == QUANTISATION:
             return []
@@ -160,7 +159,7 @@ class MuscleChannel(OutputChannel):
             return list_starts(form)
         return [] if self._level is None else [self.name_level(self._level, constants)]
 
-    def shows(self, form: EffectForm) -> bool:
+    def shows(self, form: NamedEffect) -> bool:
         """Return whether the largest value recurs exactly, and the form cuts off at a level."""
         return form.name == EXACT and self._level is not None
 
@@ -211,7 +210,7 @@ class PressureChannel(MuscleChannel):
         return bool(np.ptp(self.records.command_kpa[self.present]) > least_kpa)
 
     @property
-    def forms(self) -> tuple[EffectForm, ...]:
+    def forms(self) -> tuple[NamedEffect, ...]:
         """Effects between command and sensed pressure."""
         return _offer(PRESSURE_SITES, "sensed_pressure_kpa")
 
@@ -244,12 +243,12 @@ class ForceChannel(MuscleChannel):
     loop = ("contraction", "contraction_velocity_per_s")
 
     @property
-    def forms(self) -> tuple[EffectForm, ...]:
+    def forms(self) -> tuple[NamedEffect, ...]:
         """Effects between pressure, contraction and sensed force; at the muscle's tip no cable's tension is felt."""
         felt = _offer(FORCE_SITES, "sensed_force_n", "contraction")
         if self.load_cell_site == "joint_end":
             return felt
-        return tuple(each for each in felt if cast(ChainEffect, each.effect).signal != "tension_n")
+        return tuple(each for each in felt if each.signal != "tension_n")
 
     def simulate(self, constants: Mapping[str, float], effects: Placed) -> Array:
         """Return the sensed force, N."""
@@ -257,7 +256,7 @@ class ForceChannel(MuscleChannel):
         signals = records.smooth_pressure_kpa, records.contraction, records.velocity_per_s
         return predict_force(*signals, muscles, placed, records.step_s, records.start_s, self.load_cell_site)
 
-    def find_past_share(self, form: EffectForm, values: Mapping[str, float]) -> float:
+    def find_past_share(self, form: NamedEffect, values: Mapping[str, float]) -> float:
         """Return the share of a form's force that does not follow from pressure and contraction at the same moment.
 
         What follows from them is the same, moment by moment, when the motion runs backwards.
@@ -327,15 +326,13 @@ def _scale(shares: Array, seen: Array) -> Array:
 
 
 def _name_effects(effects: Placed) -> list[tuple[ChainEffect, Mapping[str, float]]]:
-    return [(cast(ChainEffect, form.effect), values) for form, values in effects if form.name != QUANTISATION]
+    return [(cast(ChainEffect, form), values) for form, values in effects if form.name != QUANTISATION]
 
 
-def _offer(sites: Sequence[str], *sensed: str) -> tuple[EffectForm, ...]:
-    found = []
-    for name in list_effects():
-        for effect in list_forms(name):
-            if not isinstance(effect, ChainEffect) or not effect.parameters:
-                continue
-            if effect.site in sites or (effect.site == "sensor" and effect.signal in sensed):
-                found.append(EffectForm(name, effect.form, effect.site, effect.parameters, effect))
-    return tuple(found)
+def _offer(sites: Sequence[str], *sensed: str) -> tuple[ChainEffect, ...]:
+    return tuple(
+        effect
+        for effect in (effect for name in list_effects() for effect in list_forms(name))
+        if isinstance(effect, ChainEffect) and effect.parameters
+        if effect.site in sites or (effect.site == "sensor" and effect.signal in sensed)
+    )

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from stages.science.plant.declaration import Declared
-from stages.science.plant.effect import Parameter
+from stages.science.plant.effect import NamedEffect, Parameter
 from stages.science.signals.trajectories import Array
 
 MOST_STARTS = 12
@@ -42,27 +42,10 @@ class DetectionSettings(Declared):
 
 
 @dataclass(frozen=True)
-class EffectForm:
-    """One literature form of a named effect, as an output offers it at a site."""
-
-    name: str
-    form: str
-    site: str
-    parameters: tuple[Parameter, ...]
-    """The first is the magnitude."""
-    effect: object
-    """What the output's `simulate` takes."""
-    scales: bool = True
-    """Whether what it does grows in proportion to its magnitude, to begin with."""
-    tried: bool = False
-    """Whether it is judged by some steps of a fit from each of its starts, and not by a slope."""
-
-
-@dataclass(frozen=True)
 class Counts:
     """A sensor's counts, which its values show: the form that rounds to them, its parameters, the step."""
 
-    form: EffectForm
+    form: NamedEffect
     parameters: Mapping[str, float]
     step: float
     """In the channel's unit."""
@@ -70,7 +53,7 @@ class Counts:
     """Mean square of the sensor's white noise that the channel, whose samples are means of several, lacks."""
 
 
-Placed = Sequence[tuple[EffectForm, Mapping[str, float]]]
+Placed = Sequence[tuple[NamedEffect, Mapping[str, float]]]
 """Effects with their parameters."""
 Case = tuple[Mapping[str, float], Placed]
 """Constants by name, and effects."""
@@ -96,7 +79,7 @@ def map_in_threads(work: Callable[[Task], Done], tasks: Sequence[Task], samples:
     return list(_start_threads(current_process().pid or 0).map(work, tasks))
 
 
-def list_starts(form: EffectForm, most: int = MOST_STARTS) -> list[dict[str, float]]:
+def list_starts(form: NamedEffect, most: int = MOST_STARTS) -> list[dict[str, float]]:
     """Return values to begin at: all combinations of the parameters' starts, thinned evenly if there are many."""
     names = [each.name for each in form.parameters]
     grid = [dict(zip(names, chosen, strict=True)) for chosen in product(*(each.starts for each in form.parameters))]
@@ -149,7 +132,7 @@ class OutputChannel(ABC):
 
     @property
     @abstractmethod
-    def forms(self) -> tuple[EffectForm, ...]:
+    def forms(self) -> tuple[NamedEffect, ...]:
         """Effects that can act in this channel."""
 
     @abstractmethod
@@ -195,15 +178,15 @@ class OutputChannel(ABC):
         state, rate = (next(driver.name for driver in own if driver.rate is rate) for rate in (False, True))
         return state, rate
 
-    def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
+    def starts(self, form: NamedEffect, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return starting values of a form's parameters; none where the data exclude the form."""
         return list_starts(form)
 
-    def shows(self, form: EffectForm) -> bool:
+    def shows(self, form: NamedEffect) -> bool:
         """Return whether exactly repeated values show a form's parameters, so that its starts are used unchanged."""
         return False
 
-    def find_past_share(self, form: EffectForm, values: Mapping[str, float]) -> float:
+    def find_past_share(self, form: NamedEffect, values: Mapping[str, float]) -> float:
         """Return the share of what a form does that does not follow from a static map's signals at the same moment."""
         return 1.0
 

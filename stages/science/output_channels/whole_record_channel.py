@@ -8,7 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from functools import cached_property
 from multiprocessing import cpu_count
-from typing import Any, NamedTuple, Self
+from typing import NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -23,14 +23,13 @@ from stages.science.output_channels.output_channel import (
     Case,
     DetectionSettings,
     Driver,
-    EffectForm,
     OutputChannel,
     Placed,
     list_starts,
     map_in_threads,
 )
 from stages.science.output_channels.records import bridge, bridge_short, spread_records, thin_out
-from stages.science.plant.effect import list_effects
+from stages.science.plant.effect import NamedEffect, list_effects
 from stages.science.plant.effect_config import list_effects_at
 from stages.science.plant.record_plant import HEAD, NOTHING, InitialState, RecordPlant, read_initial_state
 from stages.science.recording.units import own_unit
@@ -95,7 +94,7 @@ class WholeRecordChannel(OutputChannel):
         self.resolution = (AVERAGED if self.averaged > 1 else ROUNDED) * self.range
 
     @property
-    def forms(self) -> tuple[EffectForm, ...]:
+    def forms(self) -> tuple[NamedEffect, ...]:
         """Effects at the plant's site that it does not list yet; a level that exact values show is theirs."""
         taken = {entry.name for entry in self.plant.effects}
         found = list_effects_at(self.plant.SITE, [name for name in list_effects() if name not in taken])
@@ -104,11 +103,10 @@ class WholeRecordChannel(OutputChannel):
         for each in found:
             if not self.plant.offers(each) or (getattr(each, "unsigned", False) and below_zero):
                 continue
-            scales = getattr(each, "scales", True) and not self.plant.drifts
-            forms.append(EffectForm(each.name, each.form, each.site, each.parameters, each, scales, tried=True))
-        return tuple(self._read_level(form) for form in forms)
+            forms.append(self._read_level(replace(each, scales=each.scales and not self.plant.drifts, tried=True)))
+        return tuple(forms)
 
-    def _read_level(self, form: EffectForm) -> EffectForm:
+    def _read_level(self, form: NamedEffect) -> NamedEffect:
         """Return a form with the parameter at the level that exact values show, if they do."""
         shown, error = self._show(form) if _is_exact(form) else {}, LEVEL_ERROR
         told = tuple(
@@ -119,7 +117,7 @@ class WholeRecordChannel(OutputChannel):
         )
         return replace(form, parameters=told) if told else form
 
-    def _show(self, form: EffectForm) -> dict[str, float]:
+    def _show(self, form: NamedEffect) -> dict[str, float]:
         """Return what exact values show of a form's parameters: of its ends those that the sensor comes to, or none."""
         scale = self.plant.output_scale
         ends = {name: level for name, level in self._levels._asdict().items() if level is not None}
@@ -140,17 +138,16 @@ class WholeRecordChannel(OutputChannel):
 
     def simulate_each(self, cases: Sequence[Case]) -> Array:
         """Return the answer of the blocks in several cases, (T, K, C)."""
-        placed = [(constants, [(form.effect, values) for form, values in effects]) for constants, effects in cases]
-        samples = sum(group.signals[self.plant.output].size for group in self._groups) * len(placed)
-        share = -(-len(placed) // cpu_count()) if samples >= LONG else len(placed)
+        samples = sum(group.signals[self.plant.output].size for group in self._groups) * len(cases)
+        share = -(-len(cases) // cpu_count()) if samples >= LONG else len(cases)
         tasks = [
-            (group, placed[first : first + many])
+            (group, cases[first : first + many])
             for group in self._groups
             for many in [max(min(self.plant.TOGETHER // len(group.records), share), 1)]
-            for first in range(0, len(placed), many)
+            for first in range(0, len(cases), many)
         ]
 
-        def work(task: tuple[_Group, list[Any]]) -> Array:
+        def work(task: tuple[_Group, Sequence[Case]]) -> Array:
             group, taken = task
             return self.plant.simulate_each(group.signals, self.step_s, np.zeros(1), taken, group.begun)
 
@@ -244,14 +241,14 @@ class WholeRecordChannel(OutputChannel):
                 columns.append(self._cut(late))
         return np.stack(columns, axis=2)
 
-    def starts(self, form: EffectForm, constants: Mapping[str, float]) -> list[dict[str, float]]:
+    def starts(self, form: NamedEffect, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return starting values of a form; of saturation the levels that repeated values show, or none."""
         if _is_exact(form):
             return [shown] if (shown := self._show(form)) else []
-        told = self.plant.list_starts(form.effect, self._seen, self.step_s, constants)
+        told = self.plant.list_starts(form, self._seen, self.step_s, constants)
         return list_starts(form) if told is None else told
 
-    def shows(self, form: EffectForm) -> bool:
+    def shows(self, form: NamedEffect) -> bool:
         """Return whether the largest or the smallest value recurs exactly, and the form cuts off at levels."""
         return _is_exact(form) and self._levels != Levels(None, None)
 
@@ -299,7 +296,7 @@ class WholeRecordChannel(OutputChannel):
         return np.stack([values[np.minimum(first + samples, len(values) - 1)] for values, first in taken], axis=1)
 
 
-def _is_exact(form: EffectForm) -> bool:
+def _is_exact(form: NamedEffect) -> bool:
     """Return whether the parameters of a form are levels."""
     ends = {each.name for each in form.parameters} & set(Levels._fields)
     return form.name == EXACT and (form.form == FULL or bool(ends))

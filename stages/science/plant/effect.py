@@ -97,6 +97,10 @@ class NamedEffect:
     """What its absence from a model leaves in the residual, in one sentence."""
     split_by: str
     """The experiment that tells it from effects that ordinary excitation may not tell from it."""
+    scales: bool = True
+    """Whether what it does grows in proportion to its magnitude, to begin with."""
+    tried: bool = False
+    """Whether a search judges it by some steps of a fit from each of its starts, and not by a slope."""
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -123,12 +127,10 @@ class DynamicEffect(NamedEffect):
     """An effect inside a machine that is one integrator: ``terms(parameters)`` returns what it adds to its terms.
 
     The site is the machine's `SITE`. Sizes are told in the machine's own scales, so that bounds hold for every machine
-    of the kind. What an effect does grows with its magnitude in proportion to begin with (`scales`), or sets in
-    somewhere: then a fit has to be tried from each of its starts.
+    of the kind. One that does not scale sets in somewhere: then a fit has to be tried from each of its starts.
     """
 
     terms: Callable[[Mapping[str, float]], dict[str, float]]
-    scales: bool = True
     unsigned: bool = False
     """Whether it leaves no reading below zero. Then it is none of an output with some, and constants begin anew."""
 
@@ -154,14 +156,13 @@ class Bench:
 class ElementEffect(NamedEffect):
     """An effect of an element on a test bench: ``apply(answer, bench, parameters)`` returns the changed answer.
 
-    The answer is over its scale, so that bounds hold for every element. `scales` is that of `DynamicEffect`, false also
-    where a form has several sliders, which no one slope tells apart.
+    The answer is over its scale, so that bounds hold for every element. None that has several sliders scales either,
+    as no one slope tells them apart.
     """
 
     form: str = "element"
     site: Literal["element"] = "element"
     apply: Callable[[Array, Bench, Mapping[str, float]], Array]
-    scales: bool = True
     loaded: bool = False
     """Whether it grows with the load: it acts only in elements that tell what presses."""
 

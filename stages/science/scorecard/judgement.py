@@ -19,7 +19,8 @@ from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.verification import find_test_floor
 from stages.science.output_channels.fitting import Fit, Model, fit
 from stages.science.output_channels.noise import Noise
-from stages.science.output_channels.output_channel import EffectForm, OutputChannel
+from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.plant.effect import NamedEffect
 from stages.science.signals.trajectories import Array
 
 FINE = 1e-3
@@ -131,7 +132,7 @@ def _square_residual(output: OutputChannel, fitted: Fitted, trials: Sequence[int
     return squares.sum(axis=0) / np.maximum(counts, 1), counts
 
 
-def explain_exactly(form: EffectForm, with_it: OutputChannel, without: OutputChannel) -> tuple[float, float]:
+def explain_exactly(form: NamedEffect, with_it: OutputChannel, without: OutputChannel) -> tuple[float, float]:
     """Return an effect's size and what a form leaves of it, root mean squares over the range.
 
     What the nominal model itself leaves without the effect, as of filters and geometry, is taken off both residuals.

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 
 import numpy as np
 
-from stages.science.output_channels.output_channel import DetectionSettings, Driver, EffectForm, OutputChannel
-from stages.science.plant.effect import Parameter
+from stages.science.output_channels.output_channel import DetectionSettings, Driver, OutputChannel
+from stages.science.plant.effect import NamedEffect, Parameter
 from tests.science.discrepancy.searches import DISCREPANCY
 
 
@@ -15,8 +16,21 @@ def constant(name, low, high, mean, sd):
     return Parameter(name, "1", low, high, mean, sd, name, (mean,))
 
 
+@dataclass(frozen=True, kw_only=True)
+class Shaped(NamedEffect):
+    """An effect that adds a shape of x."""
+
+    form: str = "only"
+    site: str = "muscle"
+    parameters: tuple[Parameter, ...] = (Parameter("size", "1", 0.0, 10.0, 0.5, 5.0, "size", (0.5, 2.0)),)
+    source: str = ""
+    signature: str = ""
+    split_by: str = ""
+    effect: Callable[[np.ndarray], np.ndarray]
+
+
 def form(name, shape):
-    return EffectForm(name, "only", "muscle", (Parameter("size", "1", 0.0, 10.0, 0.5, 5.0, "size", (0.5, 2.0)),), shape)
+    return Shaped(name=name, effect=shape)
 
 
 WAVE = form("wave", lambda x: np.sin(3.0 * x))
@@ -39,7 +53,7 @@ class Toy(OutputChannel):
     element: str = "toy"
     unit: str = "1"
     limits: DetectionSettings = DISCREPANCY.detection
-    offered: tuple[EffectForm, ...] = (WAVE, KINK, LINE)
+    offered: tuple[NamedEffect, ...] = (WAVE, KINK, LINE)
     beside: tuple[Driver, ...] = ()
 
     @property
