@@ -11,14 +11,7 @@ from typing import Literal
 import numpy as np
 
 from stages.science.discrepancy.evidence import NONE
-from stages.science.discrepancy.fitted_channel import (
-    Fitted,
-    FittedChannel,
-    add_counts,
-    correct_inputs,
-    drop_effects,
-    refit,
-)
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs
 from stages.science.discrepancy.naming import Named
 from stages.science.discrepancy.remainder import Remainder, is_hidden, weigh_remainder
 from stages.science.discrepancy.search import Search
@@ -97,7 +90,7 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
         stand.append(each)
         both = enumerate(zip(found.outputs, steps[-1], strict=True))
         steps.append(
-            [add_counts(fit, counts[place], state.noise) if place in counts else fit for place, (state, fit) in both]
+            [fit.add_counts(counts[place], state.noise) if place in counts else fit for place, (state, fit) in both]
         )
     unknown = max((each.unknown for each in remainders.values()), default=0.0)
     nothing = found.rounds[0].verdicts.names[NONE] * (1.0 - unknown)
@@ -132,14 +125,14 @@ def _name_counts(outputs: Sequence[FittedChannel], limits: SearchSettings) -> li
 def _drop(found: Search, fits: Sequence[Fitted], dropped: Sequence[Named]) -> list[Fitted]:
     """Return fits without some effects; where a sensor's effect is among them, of inputs as they were recorded."""
     left = [
-        drop_effects(fitted, [each.name for each in dropped if each.is_in(state.output)], state.noise)
+        fitted.drop_effects([each.name for each in dropped if each.is_in(state.output)], state.noise)
         for state, fitted in zip(found.outputs, fits, strict=True)
     ]
     for place, (state, first) in enumerate(zip(found.outputs, found.steps[0], strict=True)):
         recorded, model = first.fit.model.output, left[place].fit.model
         if model.output is not recorded and correct_inputs(recorded, left) is recorded:
             again = replace(left[place].fit, model=replace(model, output=recorded))
-            left[place] = refit(replace(left[place], fit=again), state.noise)
+            left[place] = replace(left[place], fit=again).refit(state.noise)
     return left
 
 

@@ -69,6 +69,44 @@ class Fitted:
         output = self.fit.model.output
         return estimate_noise(self.residual, output.present, output.step_s, output.limits)
 
+    def refit(self, noise: Noise | TrialNoise, blocks: Blocks | None = None) -> "Fitted":
+        """Return the model fitted under another noise, beside a family without a name if one is given, from here."""
+        model, start = self.fit.model, self.fit.values
+        if blocks is not None:
+            family = choose_family(self.fit, noise, *blocks)
+            model, start = replace(model, family=family), np.append(start, np.zeros(len(family.sd)))
+        return assess(fit(model, noise, start, iterations=AGAIN), noise)
+
+    def refit_coloured(self) -> "Fitted":
+        """Fit the model once more, under the noise that it left; return what predicts better."""
+        return min(self, self.refit(self.estimate_noise()), key=lambda each: float(each.raw.sum()))
+
+    def put_newest_in(self, beside: "Fitted", noise: Noise | TrialNoise) -> "Fitted":
+        """Return the model beside the family of a fit without its newest effect, from where that and the effect are."""
+        newest, known = self.forms[-1], len(beside.fit.model.parameters)
+        effect = self.fit.values[-len(newest.parameters) :]
+        start = np.concatenate([beside.fit.values[:known], effect, beside.fit.values[known:]])
+        model = replace(beside.fit.model, forms=self.forms)
+        return assess(fit(model, noise, start, iterations=AGAIN), noise)
+
+    def add_counts(self, counts: Counts, noise: Noise) -> "Fitted":
+        """Return the same fit with a sensor's counts among its effects, which change nothing that is fitted."""
+        model = replace(self.fit.model, forms=(*self.forms, counts.form))
+        values = np.append(self.fit.values, list(counts.parameters.values()))
+        return replace(self, fit=fit(model, noise, values, iterations=0))
+
+    def drop_effects(self, names: Collection[str], noise: Noise | TrialNoise) -> "Fitted":
+        """Return the fit of the model without some effects, beside its family; the same where it has none of them."""
+        model = self.fit.model
+        kept = tuple(form for form in model.forms if form.name not in names)
+        if len(kept) == len(model.forms):
+            return self
+        constants, effects = model.name_values(self.fit.values)
+        own = [constants, *(values for form, values in effects if form in kept)]
+        named = [value for values in own for value in values.values()]
+        start = np.append(named, self.fit.values[len(model.parameters) :])
+        return assess(fit(replace(model, forms=kept), noise, start), noise)
+
 
 @dataclass
 class FittedChannel:
@@ -121,6 +159,17 @@ class FittedChannel:
         floor = max(floor, self.output.resolution)
         return float(np.sqrt(raw.sum() / self.samples.sum())) / floor
 
+    def continue_from(self, current: Fitted) -> "FittedChannel":
+        """Return the channel with another present fit; one without effects is its nominal fit too."""
+        noise = current.estimate_noise()
+        by_features = explain_by_features(current.fit, build_features(self.output), noise)
+        by_trees, by_memory = (
+            explain(self.output, current.residual) for explain in (explain_by_trees, explain_by_memory)
+        )
+        leftover = keep_least([by_trees, by_features], self.output, by_memory=by_memory)
+        nominal = self.nominal if current.forms else current
+        return replace(self, noise=noise, nominal=nominal, current=current, leftover=leftover)
+
 
 def prepare(output: OutputChannel) -> FittedChannel:
     """Fit an output's nominal constants, and estimate its noise from what a flexible model leaves."""
@@ -153,7 +202,7 @@ def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, 
 
 def refine(model: Model, start: Array, spread: float) -> Fitted:
     """Fit a model as if its residual were white, then under the noise that it leaves; return what predicts better."""
-    return refit_coloured(fit_plain(model, start, spread))
+    return fit_plain(model, start, spread).refit_coloured()
 
 
 def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
@@ -164,30 +213,6 @@ def fit_plain(model: Model, start: Array, spread: float) -> Fitted:
     """
     plain = make_plain(spread)
     return assess(fit(model, plain, start), plain)
-
-
-def refit(fitted: Fitted, noise: Noise | TrialNoise, blocks: Blocks | None = None) -> Fitted:
-    """Return a model fitted under another noise, beside a family without a name if one is given, from where it was."""
-    model, start = fitted.fit.model, fitted.fit.values
-    if blocks is not None:
-        family = choose_family(fitted.fit, noise, *blocks)
-        model, start = replace(model, family=family), np.append(start, np.zeros(len(family.sd)))
-    return assess(fit(model, noise, start, iterations=AGAIN), noise)
-
-
-def put_newest_in(fitted: Fitted, beside: Fitted, noise: Noise | TrialNoise) -> Fitted:
-    """Return a model beside the family of a fit without its newest effect, from where that fit and the effect were."""
-    newest, known = fitted.forms[-1], len(beside.fit.model.parameters)
-    effect = fitted.fit.values[-len(newest.parameters) :]
-    start = np.concatenate([beside.fit.values[:known], effect, beside.fit.values[known:]])
-    model = replace(beside.fit.model, forms=fitted.forms)
-    return assess(fit(model, noise, start, iterations=AGAIN), noise)
-
-
-def refit_coloured(plain: Fitted) -> Fitted:
-    """Fit a model once more, under the noise that it left; return what predicts better."""
-    noise = plain.estimate_noise()
-    return min(plain, refit(plain, noise), key=lambda each: float(each.raw.sum()))
 
 
 def assess(found: Fit, noise: Noise | TrialNoise) -> Fitted:
@@ -205,26 +230,6 @@ def assess(found: Fit, noise: Noise | TrialNoise) -> Fitted:
     return Fitted(found, residual, (residual**2).sum(axis=0))
 
 
-def add_counts(fitted: Fitted, counts: Counts, noise: Noise) -> Fitted:
-    """Return the same fit with a sensor's counts among its effects, which change nothing that is fitted."""
-    model = replace(fitted.fit.model, forms=(*fitted.forms, counts.form))
-    values = np.append(fitted.fit.values, list(counts.parameters.values()))
-    return replace(fitted, fit=fit(model, noise, values, iterations=0))
-
-
-def drop_effects(fitted: Fitted, names: Collection[str], noise: Noise | TrialNoise) -> Fitted:
-    """Return the fit of a model without some effects, beside its family; the same where it has none of them."""
-    model = fitted.fit.model
-    kept = tuple(form for form in model.forms if form.name not in names)
-    if len(kept) == len(model.forms):
-        return fitted
-    constants, effects = model.name_values(fitted.fit.values)
-    own = [constants, *(values for form, values in effects if form in kept)]
-    named = [value for values in own for value in values.values()]
-    start = np.append(named, fitted.fit.values[len(model.parameters) :])
-    return assess(fit(replace(model, forms=kept), noise, start), noise)
-
-
 def correct_inputs(output: OutputChannel, fits: Sequence[Fitted]) -> OutputChannel:
     """Return a recorded output with its inputs corrected for effects of sensors in the fits of its element's others."""
     effects = [
@@ -234,13 +239,3 @@ def correct_inputs(output: OutputChannel, fits: Sequence[Fitted]) -> OutputChann
         for form, values in each.effects
     ]
     return output.correct(effects)
-
-
-def continue_from(state: FittedChannel, current: Fitted) -> FittedChannel:
-    """Return an output channel with another present fit; one without effects is its nominal fit too."""
-    noise = current.estimate_noise()
-    by_features = explain_by_features(current.fit, build_features(state.output), noise)
-    by_trees, by_memory = (explain(state.output, current.residual) for explain in (explain_by_trees, explain_by_memory))
-    leftover = keep_least([by_trees, by_features], state.output, by_memory=by_memory)
-    nominal = state.nominal if current.forms else current
-    return replace(state, noise=noise, nominal=nominal, current=current, leftover=leftover)

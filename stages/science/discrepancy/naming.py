@@ -10,15 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP, Beside, Verdicts, weigh_names
-from stages.science.discrepancy.fitted_channel import (
-    Fitted,
-    FittedChannel,
-    drop_effects,
-    fit_plain,
-    put_newest_in,
-    refit,
-    refit_coloured,
-)
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_plain
 from stages.science.discrepancy.screening import Screened
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import TrialScores, compare_by
@@ -303,7 +295,7 @@ def _fit_corrected(
             if output is not state.output:
                 model = replace(state.current.fit.model, output=output)
                 present = replace(state.current, fit=replace(state.current.fit, model=model))
-                corrected.append((place, source, key, refit(present, make_plain(state.current.spread))))
+                corrected.append((place, source, key, present.refit(make_plain(state.current.spread))))
     return corrected
 
 
@@ -326,18 +318,18 @@ def _score_output(
 
     alone, common = dict(first), estimate_trial_noise(find_best(first.values()), output, largest)
     for _ in range(PASSES if output.jitters else 0):
-        alone = {key: refit(each, common) for key, each in first.items()}
+        alone = {key: each.refit(common) for key, each in first.items()}
         common = estimate_trial_noise(find_best(alone.values()), output, largest)
     beside, families = dict(alone), dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
     if gap:
-        beside = {key: refit(each, judge_by(each), state.map_beside(each)) for key, each in alone.items()}
+        beside = {key: each.refit(judge_by(each), state.map_beside(each)) for key, each in alone.items()}
         nothing = alone[NONE, ""]
-        alone[MEMORY, ""] = refit(nothing, judge_by(nothing), state.memory)
-        remembering = refit(nothing, judge_by(nothing), join(state.static_map, state.memory))
+        alone[MEMORY, ""] = nothing.refit(judge_by(nothing), state.memory)
+        remembering = nothing.refit(judge_by(nothing), join(state.static_map, state.memory))
         if output.jitters:  # in parts of one record a movement repeats, and a map of it tells whatever follows from it
             scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
             beside = _share_maps(alone, beside, common, scores, settings)
-            again = refit(nothing, common, join(beside[NONE, ""].blocks, state.memory))
+            again = nothing.refit(common, join(beside[NONE, ""].blocks, state.memory))
             remembering = max(again, remembering, key=lambda each: scores.score(each.residual))
         beside[MEMORY, ""] = remembering
         families |= {STATIC_MAP: beside[NONE, ""].raw, MEMORY: alone[MEMORY, ""].raw}
@@ -375,9 +367,9 @@ def _share_maps(
     least = measure(beside[nothing])
     shared = [key for key in beside if key != nothing and beside[key].fit.model.output is scores.output]
     better = [beside[key] for key in shared if measure(beside[key]) > least]
-    best = max([beside[nothing], *(drop_effects(each, [each.forms[-1].name], noise) for each in better)], key=measure)
+    best = max([beside[nothing], *(each.drop_effects([each.forms[-1].name], noise) for each in better)], key=measure)
     looked = [key for key in shared if not _is_patch(beside[key], settings)]
-    again = {key: put_newest_in(alone[key], best, noise) for key in looked}
+    again = {key: alone[key].put_newest_in(best, noise) for key in looked}
     return {**beside, nothing: best, **{key: max(again[key], beside[key], key=measure) for key in looked}}
 
 
@@ -425,7 +417,7 @@ def extend(state: FittedChannel, chosen: Sequence[Screened]) -> Choice:
         start = np.concatenate([each.known, [each.start[own.name] for own in each.form.parameters]])
         plain[each.form.name, each.form.form] = fit_plain(model, start, spread)
     near = NEAR_BEST * min((float(fitted.raw.sum()) for fitted in plain.values()), default=0.0)
-    return {key: refit_coloured(fitted) if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
+    return {key: fitted.refit_coloured() if fitted.raw.sum() < near else fitted for key, fitted in plain.items()}
 
 
 def is_worth(state: FittedChannel, without: Array, having: Array, settings: SearchSettings) -> bool:

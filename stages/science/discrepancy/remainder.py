@@ -10,7 +10,7 @@ from typing import NamedTuple
 import numpy as np
 
 from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, refit
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel
 from stages.science.discrepancy.naming import Named, Round
 from stages.science.discrepancy.search import Search
 from stages.science.discrepancy.settings import SearchSettings
@@ -62,7 +62,7 @@ def weigh_remainder(
         told, by_map, beside = float(np.median(share)), 0.0, fits
         if mapped >= settings.certain:
             beside = [
-                [refit(own, make_plain(own.spread), state.static_map) for state, own in zip(states, some, strict=True)]
+                [own.refit(make_plain(own.spread), state.static_map) for state, own in zip(states, some, strict=True)]
                 for some in fits
             ]
             now, after = (_draw_gap(states, weights, each) for each in (raws[1], [each.raw for each in beside[1]]))

@@ -11,15 +11,7 @@ from itertools import product
 import numpy as np
 
 from stages.science.discrepancy.evidence import Verdicts
-from stages.science.discrepancy.fitted_channel import (
-    Fitted,
-    FittedChannel,
-    continue_from,
-    correct_inputs,
-    drop_effects,
-    prepare,
-    refine,
-)
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, prepare, refine
 from stages.science.discrepancy.naming import Choice, Named, Round, is_worth, rank
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
@@ -146,7 +138,7 @@ def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
             known = len(state.current.fit.values)
             again = refine(state.current.fit.model, fitted.fit.values[:known], fitted.spread)
             if again.raw.sum() < least:
-                found.outputs[place] = continue_from(state, again)
+                found.outputs[place] = state.continue_from(again)
                 better, least = True, BETTER * float(again.raw.sum())
     if better:
         found.steps[-1] = [state.current for state in found.outputs]
@@ -160,7 +152,7 @@ def _add(found: Search, named: Named, choices: Sequence[Choice], generator: np.r
             chosen = choices[place][named.name, form_of[state.output.element]]
             best = _start_anew(chosen, generator.spawn(1)[0])
             spread = float(np.sqrt((best.residual**2).sum() / max(state.output.present.sum(), 1)))
-            found.outputs[place] = continue_from(state, refine(best.model, best.values, spread))
+            found.outputs[place] = state.continue_from(refine(best.model, best.values, spread))
             _correct_others(found, place)
 
 
@@ -203,7 +195,7 @@ def _take_out_redundant(found: Search, settings: SearchSettings) -> None:
         for place, state in enumerate(found.outputs):
             if not named.is_in(state.output):
                 continue
-            without = drop_effects(state.current, [named.name], state.noise)
+            without = state.current.drop_effects([named.name], state.noise)
             keep.append((place, without))
             own = [form for form in state.current.forms if form.name == named.name]
             worth |= any(map(state.output.shows, own)) or is_worth(state, without.raw, state.current.raw, settings)
