@@ -19,8 +19,7 @@ from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.verification import find_test_floor
 from stages.science.output_channels.fitting import Fit, Model, fit
 from stages.science.output_channels.noise import Noise
-from stages.science.output_channels.output_channel import OutputChannel
-from stages.science.plant.effect import NamedEffect
+from stages.science.output_channels.output_channel import NamedEffect, OutputChannel
 from stages.science.signals.trajectories import Array
 
 FINE = 1e-3
