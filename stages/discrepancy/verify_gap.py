@@ -33,17 +33,7 @@ from stages.science.discrepancy.verdict import (
     reproduce_effects,
     summarise_remainder,
 )
-from stages.science.discrepancy.verification import (
-    DRIVEN,
-    Verified,
-    bound_ratio,
-    compare_steps,
-    find_coverage,
-    find_odd_trials,
-    list_predictions,
-    measure_maps,
-    verify,
-)
+from stages.science.discrepancy.verification import DRIVEN, Opened, Verified, find_odd_trials, verify
 from stages.science.figures.verified_gap import MAP, draw_effect_signature, draw_gap_waterfall, draw_verified_trials
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.plant.effect import find_effect
@@ -141,7 +131,8 @@ def verify_gap(
     learned = read_patches(learned_maps)
     weights = resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample", "bands"))
     verified = verify(dataset.outputs, dataset.fitted, found, learned, weights)
-    bands = find_coverage(verified, test, settings, ctx.generator("resample", "coverage"))
+    opened = Opened(verified, settings, ctx.generator)
+    bands = opened.find_coverage(test)
     concerned = list(dict.fromkeys(named["channel"])) or list(dict.fromkeys(channels["channel"]))
     judged = [each for each in verified if each.output.channel in concerned]
     labels = ["nominal", *(f"+ {name}" for name in named.drop_duplicates("order")["name"])]
@@ -149,15 +140,15 @@ def verify_gap(
     rows = [
         row
         for part, chosen in list_reported(tables, judged).items()
-        for row in compare_steps(judged, labels, part, chosen, settings, ctx.generator)
+        for row in Opened(judged, settings, ctx.generator).compare_steps(labels, part, chosen)
     ]
     verification = pd.DataFrame(rows, columns=list(VERIFICATION.columns))
     driven = verification[(verification["simulation"] == DRIVEN) & (verification["part"] == TEST)]
-    over_floor = bound_ratio(verified, last, test, settings, ctx.generator("resample", TEST))
-    opened = [each.take(test) for each in dataset.outputs]
-    counted = {(QUANTISATION, each.channel, each.element) for each in opened if each.find_counts({}) is not None}
+    over_floor = opened.bound_ratio(last, TEST, test)
+    taken = [each.take(test) for each in dataset.outputs]
+    counted = {(QUANTISATION, each.channel, each.element) for each in taken if each.find_counts({}) is not None}
     places = locate_most(gap, channels, named, settings)
-    maps = measure_maps(verified, learned, last, test, ctx.generator)
+    maps = opened.measure_maps(learned, last, test)
     candidates = ranking.loc[ranking["round"] == 1, ["name", "probability", "heldout_gap", "absorbed"]]
     verdict: dict[str, Any] = {
         "status": status,
@@ -176,7 +167,7 @@ def verify_gap(
         "verification_trials": [dataset.trials[place] for place in test],
     }
     ctx.verdict(verdict)
-    predictions = list_predictions(verified, dataset, last, settings.level)
+    predictions = opened.list_predictions(dataset, last)
     spoken = " and ".join(name_signal(each)[0] for each in concerned)
     ctx.figure(
         "gap_waterfall",

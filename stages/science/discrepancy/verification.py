@@ -123,108 +123,131 @@ def _find_band(seen: NDArray[np.intp], still: Fit, learnt: Mask, weights: Array)
     return band._replace(simulated=simulated)
 
 
+@dataclass(frozen=True)
+class Opened:
+    """Outputs that count; `draw` returns the generator of a purpose and a part: to resample trials, to flip signs."""
+
+    found: Sequence[Verified]
+    settings: DiscrepancySettings
+    draw: Callable[..., np.random.Generator]
+
+    def compare_steps(self, labels: Sequence[str], part: str, trials: Sequence[int]) -> list[dict[str, Any]]:
+        """Return the gap of some trials before and after each addition, and the noise floor: rows of `verification`.
+
+        `labels` are the names of the steps; the part says what the trials, given by their positions, are for.
+        """
+        rows: list[dict[str, Any]] = []
+        weights = resample(len(trials), self.settings.bootstraps, self.draw("resample", part))
+        generator = self.draw("signs", part)
+        for kind in (DRIVEN, "free run") if any(each.free for each in self.found) else (DRIVEN,):
+            simulated = [each.steps if kind == DRIVEN else each.free for each in self.found]
+            squares = [
+                [each.squares(own[step]) for each, own in zip(self.found, simulated, strict=True)]
+                for step in range(len(labels))
+            ]
+            if kind == DRIVEN:
+                squares.append([each.floor for each in self.found])
+            gaps = [_pool(self.found, each, trials) for each in squares]
+            for step, (gap, label) in enumerate(zip(gaps, [*labels, "noise floor"], strict=False)):
+                low, high = find_interval(np.sqrt(weights @ gap**2 / len(trials)), self.settings.level)
+                falls = (gaps[0] - gap)[:, None], (gaps[max(step - 1, 0)] - gap)[:, None]
+                rows.append(
+                    {
+                        "part": part,
+                        "simulation": kind,
+                        "step": step,
+                        "label": label,
+                        "trials": len(trials),
+                        "gap": float(np.sqrt(np.mean(gap**2))),
+                        "low": float(low),
+                        "high": float(high),
+                        "p_value": float(compare_signs(falls[0], generator, two_sided=True)[0]) if step else 1.0,
+                        "p_step": float(compare_signs(falls[1], generator)[0]) if step else 1.0,
+                        "gap_over_std": _pool_over_std(self.found, squares[step], trials),
+                    }
+                )
+        return rows
+
+    def bound_ratio(self, step: int, part: str, trials: Sequence[int]) -> dict[str, float]:
+        """Return the gap of some trials over the floor in the worst channel, with one-sided limits over drawn ones."""
+        ratios, level = [], self.settings.level
+        weights = resample(len(trials), self.settings.bootstraps, self.draw("resample", part))
+        for channel in dict.fromkeys(each.output.channel for each in self.found):
+            outputs = [each for each in self.found if each.output.channel == channel]
+            gap = _pool(outputs, [each.squares(each.steps[step]) for each in outputs], trials) ** 2
+            floor = np.maximum(_pool(outputs, [each.floor for each in outputs], trials) ** 2, 1e-300)
+            drawn = np.sqrt((weights @ gap) / (weights @ floor))
+            low, high = np.quantile(drawn, [1.0 - level, level])
+            ratios.append({"value": float(np.sqrt(gap.sum() / floor.sum())), "low": float(low), "high": float(high)})
+        return max(ratios, key=lambda each: each["value"])
+
+    def measure_maps(self, learned: Maps, last: int, trials: Sequence[int]) -> list[dict[str, Any]]:
+        """Return what learned maps do on some trials, by channel: the gap with what was named, and with them too.
+
+        The p-value is of no change, signs flipped.
+        """
+        rows, generator = [], self.draw("signs", "learned maps")
+        for channel in dict.fromkeys(channel for channel, _ in learned):
+            own = [each for each in self.found if (each.output.channel, each.output.element) in learned]
+            own = [each for each in own if each.output.channel == channel]
+            before, after = (_pool(own, [each.squares(each.steps[k]) for each in own], trials) for k in (last, -1))
+            maps = [learned[channel, each.output.element] for each in own]
+            rows.append(
+                {
+                    "channel": channel,
+                    "muscles": [each.output.element for each in own],
+                    "kinds": sorted({each.kind for each in maps}),
+                    "inputs": list(dict.fromkeys(told.name for each in maps for told in each.inputs)),
+                    "before": float(np.sqrt(np.mean(before**2))),
+                    "after": float(np.sqrt(np.mean(after**2))),
+                    "p_value": float(compare_signs((before - after)[:, None], generator, two_sided=True)[0]),
+                    "least_p": least_p(len(trials), two_sided=True),
+                }
+            )
+        return rows
+
+    def find_coverage(self, trials: Sequence[int]) -> dict[str, float]:
+        """Return the share of the samples of some trials that bands hold, with its interval over trials drawn again."""
+        chosen, within = list(trials), []
+        for each in self.found:
+            misses = np.abs(each.output.measured - each.steps[-1]) > each.band.reach(self.settings.level)
+            within.append((each.output.present & ~misses).sum(axis=0)[chosen])
+        counts = sum(each.output.present.sum(axis=0)[chosen] for each in self.found)
+        weights = resample(len(chosen), self.settings.bootstraps, self.draw("resample", "coverage"))
+        return measure_coverage(sum(within), counts, weights, self.settings.level)
+
+    def list_predictions(self, dataset: Dataset, last: int) -> pd.DataFrame:
+        """Return every sample as measured, as simulated before and after the `last` addition, and with learned maps.
+
+        The latter with the band in which a measurement is expected, and the simulation's own deviation apart.
+        """
+        frames = []
+        for each in self.found:
+            output, half = each.output, each.band.reach(self.settings.level)
+            place, sample = np.nonzero(output.present.T)
+            rows = {
+                "trial": np.array(dataset.trials)[place],
+                "part": np.array(dataset.parts, dtype=object)[place],
+                "time_s": sample * output.step_s,
+                "muscle": output.element,
+                "channel": output.channel,
+                "measured": output.measured[sample, place],
+                "before": each.steps[0][sample, place],
+                "after": each.steps[last][sample, place],
+                "patched": each.steps[-1][sample, place],
+                "low": (each.steps[-1] - half)[sample, place],
+                "high": (each.steps[-1] + half)[sample, place],
+                "deviation": each.band.simulated[sample, place],
+            }
+            frames.append(pd.DataFrame(rows))
+        return pd.concat(frames, ignore_index=True)
+
+
 def _pool(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> Array:
     """Return each trial's gap, RMSE over range, root mean square over outputs with data in it, (K,) ndarray."""
     counts = np.stack([each.output.present.sum(axis=0) for each in found])[:, list(trials)]
     mean = np.stack(squares)[:, list(trials)] / np.maximum(counts, 1)
     return np.asarray(np.sqrt(np.where(counts > 0, mean, 0.0).sum(axis=0) / np.maximum((counts > 0).sum(axis=0), 1)))
-
-
-def compare_steps(
-    found: Sequence[Verified],
-    labels: Sequence[str],
-    part: str,
-    trials: Sequence[int],
-    settings: DiscrepancySettings,
-    draw: Callable[..., np.random.Generator],
-) -> list[dict[str, Any]]:
-    """Return the gap of some trials before and after each addition, and the noise floor: rows of `verification`.
-
-    `found` are the outputs that count, `labels` the names of the steps; the part says what the trials, given by their
-    positions, are for. `draw` returns the generator of a purpose and a part: to resample trials, and to flip signs.
-    """
-    rows: list[dict[str, Any]] = []
-    weights = resample(len(trials), settings.bootstraps, draw("resample", part))
-    generator = draw("signs", part)
-    for kind in (DRIVEN, "free run") if any(each.free for each in found) else (DRIVEN,):
-        simulated = [each.steps if kind == DRIVEN else each.free for each in found]
-        squares = [
-            [each.squares(own[step]) for each, own in zip(found, simulated, strict=True)] for step in range(len(labels))
-        ]
-        if kind == DRIVEN:
-            squares.append([each.floor for each in found])
-        gaps = [_pool(found, each, trials) for each in squares]
-        for step, (gap, label) in enumerate(zip(gaps, [*labels, "noise floor"], strict=False)):
-            low, high = find_interval(np.sqrt(weights @ gap**2 / len(trials)), settings.level)
-            falls = (gaps[0] - gap)[:, None], (gaps[max(step - 1, 0)] - gap)[:, None]
-            rows.append(
-                {
-                    "part": part,
-                    "simulation": kind,
-                    "step": step,
-                    "label": label,
-                    "trials": len(trials),
-                    "gap": float(np.sqrt(np.mean(gap**2))),
-                    "low": float(low),
-                    "high": float(high),
-                    "p_value": float(compare_signs(falls[0], generator, two_sided=True)[0]) if step else 1.0,
-                    "p_step": float(compare_signs(falls[1], generator)[0]) if step else 1.0,
-                    "gap_over_std": _pool_over_std(found, squares[step], trials),
-                }
-            )
-    return rows
-
-
-def bound_ratio(
-    found: Sequence[Verified],
-    step: int,
-    trials: Sequence[int],
-    settings: DiscrepancySettings,
-    generator: np.random.Generator,
-) -> dict[str, float]:
-    """Return the gap of test trials over the floor in the worst channel, with one-sided limits over drawn trials."""
-    ratios, level = [], settings.level
-    weights = resample(len(trials), settings.bootstraps, generator)
-    for channel in dict.fromkeys(each.output.channel for each in found):
-        outputs = [each for each in found if each.output.channel == channel]
-        gap = _pool(outputs, [each.squares(each.steps[step]) for each in outputs], trials) ** 2
-        floor = np.maximum(_pool(outputs, [each.floor for each in outputs], trials) ** 2, 1e-300)
-        drawn = np.sqrt((weights @ gap) / (weights @ floor))
-        low, high = np.quantile(drawn, [1.0 - level, level])
-        ratios.append({"value": float(np.sqrt(gap.sum() / floor.sum())), "low": float(low), "high": float(high)})
-    return max(ratios, key=lambda each: each["value"])
-
-
-def measure_maps(
-    found: Sequence[Verified],
-    learned: Maps,
-    last: int,
-    trials: Sequence[int],
-    draw: Callable[..., np.random.Generator],
-) -> list[dict[str, Any]]:
-    """Return what learned maps do on some trials, by channel: the gap with what was named, and with them too.
-
-    The p-value is of no change, signs flipped; `draw` returns the generator of a purpose and a part.
-    """
-    rows, generator = [], draw("signs", "learned maps")
-    for channel in dict.fromkeys(channel for channel, _ in learned):
-        own = [each for each in found if (each.output.channel, each.output.element) in learned]
-        own = [each for each in own if each.output.channel == channel]
-        before, after = (_pool(own, [each.squares(each.steps[k]) for each in own], trials) for k in (last, -1))
-        maps = [learned[channel, each.output.element] for each in own]
-        rows.append(
-            {
-                "channel": channel,
-                "muscles": [each.output.element for each in own],
-                "kinds": sorted({each.kind for each in maps}),
-                "inputs": list(dict.fromkeys(told.name for each in maps for told in each.inputs)),
-                "before": float(np.sqrt(np.mean(before**2))),
-                "after": float(np.sqrt(np.mean(after**2))),
-                "p_value": float(compare_signs((before - after)[:, None], generator, two_sided=True)[0]),
-                "least_p": least_p(len(trials), two_sided=True),
-            }
-        )
-    return rows
 
 
 def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: Sequence[int]) -> float:
@@ -236,46 +259,6 @@ def _pool_over_std(found: Sequence[Verified], squares: Sequence[Array], trials: 
             ratio = float(np.sqrt(own[chosen].sum() / measured.size) * each.output.range / measured.std())
             known += [ratio] if np.isfinite(ratio) else []
     return float(np.sqrt(np.mean(np.square(known)))) if known else np.nan
-
-
-def find_coverage(
-    found: Sequence[Verified], trials: Sequence[int], settings: DiscrepancySettings, generator: np.random.Generator
-) -> dict[str, float]:
-    """Return the share of the samples of some trials that bands hold, with its interval over trials drawn again."""
-    chosen, within = list(trials), []
-    for each in found:
-        misses = np.abs(each.output.measured - each.steps[-1]) > each.band.reach(settings.level)
-        within.append((each.output.present & ~misses).sum(axis=0)[chosen])
-    counts = sum(each.output.present.sum(axis=0)[chosen] for each in found)
-    weights = resample(len(chosen), settings.bootstraps, generator)
-    return measure_coverage(sum(within), counts, weights, settings.level)
-
-
-def list_predictions(found: Sequence[Verified], dataset: Dataset, last: int, level: float) -> pd.DataFrame:
-    """Return every sample as measured, as simulated before and after the `last` addition, and with learned maps.
-
-    The latter with the band of a level in which a measurement is expected, and the simulation's own deviation apart.
-    """
-    frames = []
-    for each in found:
-        output, half = each.output, each.band.reach(level)
-        place, sample = np.nonzero(output.present.T)
-        rows = {
-            "trial": np.array(dataset.trials)[place],
-            "part": np.array(dataset.parts, dtype=object)[place],
-            "time_s": sample * output.step_s,
-            "muscle": output.element,
-            "channel": output.channel,
-            "measured": output.measured[sample, place],
-            "before": each.steps[0][sample, place],
-            "after": each.steps[last][sample, place],
-            "patched": each.steps[-1][sample, place],
-            "low": (each.steps[-1] - half)[sample, place],
-            "high": (each.steps[-1] + half)[sample, place],
-            "deviation": each.band.simulated[sample, place],
-        }
-        frames.append(pd.DataFrame(rows))
-    return pd.concat(frames, ignore_index=True)
 
 
 def find_odd_trials(predictions: pd.DataFrame, least_ratio: float) -> pd.DataFrame:

@@ -7,7 +7,7 @@ import pandas as pd
 import pytest
 
 from stages.science.discrepancy.verdict import reproduce_effects
-from stages.science.discrepancy.verification import bound_ratio
+from stages.science.discrepancy.verification import Opened
 from tests.science.discrepancy.searches import DISCREPANCY, run_records
 from tests.science.discrepancy.simulated_records import move, slide
 
@@ -71,5 +71,6 @@ def test_the_gap_over_the_floor_is_that_of_the_channel_where_it_is_largest(order
         )
 
     found = [channel("force_n", 0.03, 0.01), channel("pressure_kpa", 0.08, 0.04)][::order]
-    ratio = bound_ratio(found, 0, range(3), DISCREPANCY, np.random.default_rng(0))
+    opened = Opened(found, DISCREPANCY, lambda *purpose: np.random.default_rng(0))
+    ratio = opened.bound_ratio(0, "verification", range(3))
     assert ratio == {name: pytest.approx(3.0) for name in ("value", "low", "high")}
