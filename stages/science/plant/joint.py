@@ -38,6 +38,16 @@ class JointConstants(NamedTuple):
     coulomb_rad_per_s: float
 
 
+class Driven(NamedTuple):
+    """One joint, its muscles, who moves it, and how finely it is integrated."""
+
+    joint: JointConstants
+    muscles: MuscleConstants
+    person: Person
+    step_s: float
+    substeps: int
+
+
 def quickest_rate(joint: Joint, person: Person) -> float:
     """Return a bound on the rate of a joint's free motion against its end stop, held by a person, 1/s.
 
@@ -88,8 +98,9 @@ def _sum_muscle_torque(angle: float, velocity: float, inputs: Array, s: int, mus
 
 
 @njit(cache=True, error_model="numpy")
-def balance(start: float, drive: Array, joint: JointConstants, muscles: MuscleConstants, person: Person) -> float:
+def balance(start: float, drive: Array, driven: Driven) -> float:
     """Return the torque, N m, that a person holds at rest under the first row of `drive` (S, 3, m)."""
+    joint, muscles, person, _, _ = driven
     if person.compensation_per_s == 0.0:
         return 0.0
     load = _sum_muscle_torque(start, 0.0, drive, 0, muscles) + _sum_passive_torque(start, 0.0, joint)
@@ -98,22 +109,14 @@ def balance(start: float, drive: Array, joint: JointConstants, muscles: MuscleCo
 
 @njit(cache=True, error_model="numpy")
 def advance(
-    state: tuple[float, float, float],
-    drive: Array,
-    aims: Array,
-    k: int,
-    joint: JointConstants,
-    muscles: MuscleConstants,
-    person: Person,
-    step_s: float,
-    substeps: int,
-    inputs: Array,
+    state: tuple[float, float, float], drive: Array, aims: Array, k: int, driven: Driven, inputs: Array
 ) -> tuple[float, float, float]:
     """Return the state, angle, velocity and held torque, one sample after sample `k`.
 
     `drive` is (S, 3, m) with pressure, deviation and drag, `aims` (S, 3) with intended angle, velocity and push;
     `inputs` (3, 3, m) is overwritten.
     """
+    joint, muscles, person, step_s, substeps = driven
     q, w, held = state
     h = step_s / substeps
     for i in range(substeps):
@@ -151,22 +154,13 @@ def advance(
 
 
 @njit(cache=True, error_model="numpy")
-def _integrate(
-    drive: Array,
-    aims: Array,
-    start: float,
-    joint: JointConstants,
-    muscles: MuscleConstants,
-    person: Person,
-    step_s: float,
-    substeps: int,
-) -> tuple[Array, Array]:
+def _integrate(drive: Array, aims: Array, start: float, driven: Driven) -> tuple[Array, Array]:
     angle, velocity = np.empty(len(aims)), np.empty(len(aims))
     inputs = np.empty((3, 3, drive.shape[2]))
-    state = (start, 0.0, balance(start, drive, joint, muscles, person))
+    state = (start, 0.0, balance(start, drive, driven))
     angle[0], velocity[0] = start, 0.0
     for k in range(len(aims) - 1):
-        state = advance(state, drive, aims, k, joint, muscles, person, step_s, substeps, inputs)
+        state = advance(state, drive, aims, k, driven, inputs)
         angle[k + 1], velocity[k + 1] = state[0], state[1]
     return angle, velocity
 
@@ -201,7 +195,6 @@ def integrate_joints(
     angle, velocity = np.empty_like(intention.angle_rad), np.empty_like(intention.angle_rad)
     for j, joint in enumerate(joints):
         its_drive, its_aims = (np.ascontiguousarray(each) for each in (drive[:, :, of_muscle == j], aims[:, :, j]))
-        angle[:, j], velocity[:, j] = _integrate(
-            its_drive, its_aims, float(start_rad[j]), joint, its_muscles[j], person[j], step_s, substeps
-        )
+        driven = Driven(joint, its_muscles[j], person[j], step_s, substeps)
+        angle[:, j], velocity[:, j] = _integrate(its_drive, its_aims, float(start_rad[j]), driven)
     return angle, velocity

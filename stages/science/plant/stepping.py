@@ -13,7 +13,7 @@ import numpy as np
 from stages.science.plant.chain import Chain
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.interaction import Motion, follow
-from stages.science.plant.joint import advance, balance, collect_joints, split_by_joint
+from stages.science.plant.joint import Driven, advance, balance, collect_joints, split_by_joint
 from stages.science.plant.participant import Intention, Person
 from stages.science.plant.plant import Plant
 from stages.science.signals.trajectories import Array
@@ -28,19 +28,19 @@ class Steps:
         self, exoskeleton: Exoskeleton, plant: Plant, intention: Intention, person: Sequence[Person], start_rad: Array
     ):
         self.chain = Chain(exoskeleton, plant)
-        self.joints = collect_joints(exoskeleton, plant)
+        joints = collect_joints(exoskeleton, plant)
         self.of_muscle = np.array(exoskeleton.joint_of_muscle)
-        self.person = person
-        self.substeps = plant.count_substeps(self.chain.step_s)
         self.aims = np.stack(intention, axis=1)  # (T, 3, J)
         samples, muscles = len(self.aims), len(self.of_muscle)
-        self.on = [self.of_muscle == j for j in range(len(self.joints))]
-        self.muscles = split_by_joint(self.chain.constants, self.of_muscle, len(self.joints))
+        self.on = [self.of_muscle == j for j in range(len(joints))]
+        step = self.chain.step_s, plant.count_substeps(self.chain.step_s)
+        its_muscles = split_by_joint(self.chain.constants, self.of_muscle, len(joints))
+        self.driven = [Driven(*each, *step) for each in zip(joints, its_muscles, person, strict=True)]
         self.inputs = [np.empty((3, 3, int(on.sum()))) for on in self.on]
         self.command = np.zeros((samples, muscles))
         self.drive = np.zeros((samples, 3, muscles))
         self.pressure = self.drive[:, 0]
-        self.angle, self.velocity = (np.zeros((samples, len(self.joints))) for _ in range(2))
+        self.angle, self.velocity = (np.zeros((samples, len(joints))) for _ in range(2))
         self.force, self.tension = (np.zeros((samples, muscles)) for _ in range(2))
         self.states = np.stack([start_rad, np.zeros_like(start_rad), np.zeros_like(start_rad)], axis=1)
         self.at = 0
@@ -65,9 +65,8 @@ class Steps:
         self.command[0] = command_kpa
         self.pressure[0] = self.chain.pressurise(self.command[:1])[0]
         self._settle(0, self.states)
-        for j, (on, joint) in enumerate(zip(self.on, self.joints, strict=True)):
-            drive = np.ascontiguousarray(self.drive[:1, :, on])
-            self.states[j, 2] = balance(self.states[j, 0], drive, joint, self.muscles[j], self.person[j])
+        for j, (on, driven) in enumerate(zip(self.on, self.driven, strict=True)):
+            self.states[j, 2] = balance(self.states[j, 0], np.ascontiguousarray(self.drive[:1, :, on]), driven)
 
     def step(self, command_kpa: Array) -> None:
         """Go on by one sample, over which a command was held."""
@@ -76,7 +75,7 @@ class Steps:
         self.pressure[after] = self.chain.pressurise(self.command[: after + 1])[after]
         self.drive[after, 1:] = self.drive[now, 1:]
         for _ in range(PASSES if self.chain.bends_force else 1):
-            states = np.array([self._move(now, j) for j in range(len(self.joints))])
+            states = np.array([self._move(now, j) for j in range(len(self.driven))])
             self._settle(after, states)
         self.states = states
         self.at = after
@@ -86,8 +85,7 @@ class Steps:
         drive, aims = (
             np.ascontiguousarray(each) for each in (self.drive[both][:, :, self.on[j]], self.aims[both, :, j])
         )
-        constants = (self.joints[j], self.muscles[j], self.person[j], self.chain.step_s, self.substeps)
-        return advance(tuple(self.states[j]), drive, aims, 0, *constants, self.inputs[j])
+        return advance(tuple(self.states[j]), drive, aims, 0, self.driven[j], self.inputs[j])
 
     def _settle(self, at: int, states: Array) -> None:
         """Note a sample's motion, its tensions, and what effects do to them."""
