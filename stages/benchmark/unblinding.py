@@ -59,7 +59,7 @@ def unblinding(
         raise InputError("seal: the rig tells another truth than the one that was sealed; run blinded_session again")
     left = decision["status"].iloc[0] == "unexplained"
     hidden = recorded.truth["effects"]
-    rows = _compare(hidden, recorded.truth["gap_over_floor"], named_effects, channels)
+    rows = _compare(recorded.truth, named_effects, channels)
     driven = verification[verification["simulation"] == "measured upstream"]
     named = named_effects["order"].max() if len(named_effects) else 0
     after, *learned = driven["gap"].iloc[named:-1]
@@ -78,13 +78,8 @@ def unblinding(
     }
 
 
-def _compare(
-    hidden: Sequence[Mapping[str, Any]],
-    gaps: Mapping[str, Mapping[str, float]],
-    said: pd.DataFrame,
-    channels: pd.DataFrame,
-) -> list[dict[str, Any]]:
-    rows = []
+def _compare(truth: Mapping[str, Any], said: pd.DataFrame, channels: pd.DataFrame) -> list[dict[str, Any]]:
+    hidden, gaps, rows = truth["effects"], truth["gap_over_floor"], []
     for row in channels.to_dict("records"):
         channel, muscle = str(row["channel"]), str(row["muscle"])
         true = [each["name"] for each in hidden if each["channel"] == channel and muscle in each["muscles"]]

@@ -72,7 +72,7 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     present = found.steps[-1]
     for added, step in zip(reversed(found.named), reversed(found.steps), strict=False):
         without = _drop(found, present, [added])
-        p_value = _compare_left_out(found.outputs, without, present, added, generator)
+        p_value = _compare_left_out(found, without, present, added, generator)
         earlier = found.named[: found.named.index(added)]
         built_on = sum(each.channel == added.channel and bool({*each.elements} & {*added.elements}) for each in earlier)
         sure = (1.0 - doubts[added.channel]) ** (1 + built_on)  # it may make up for what another's form lacks
@@ -137,15 +137,11 @@ def _drop(found: Search, fits: Sequence[Fitted], dropped: Sequence[Named]) -> li
 
 
 def _compare_left_out(
-    outputs: Sequence[FittedChannel],
-    before: Sequence[Fitted],
-    after: Sequence[Fitted],
-    named: Named,
-    generator: np.random.Generator,
+    found: Search, before: Sequence[Fitted], after: Sequence[Fitted], named: Named, generator: np.random.Generator
 ) -> float:
     """Return the p-value of no fall of the gap of trials left out, over the outputs that carry an effect."""
     gaps: list[list[Array]] = [[], []]
-    for state, *fits in zip(outputs, before, after, strict=True):
+    for state, *fits in zip(found.outputs, before, after, strict=True):
         if named.is_in(state.output):
             for kept, each in zip(gaps, fits, strict=True):
                 kept.append(each.raw / np.maximum(state.samples, 1.0) / state.output.range**2)

@@ -4,7 +4,6 @@ Output channels after the nominal fit flow in; tidy rows of averages flow out. S
 """
 
 from collections.abc import Sequence
-from operator import attrgetter
 from typing import Any
 
 import numpy as np
@@ -28,7 +27,7 @@ def average_plane(states: Sequence[FittedChannel]) -> pd.DataFrame:
     frames = []
     for state in states:
         output, present, (across, along) = state.output, state.output.present, state.output.plane
-        signals, rates = list_signals(output), {each.name for each in output.drivers() if each.own and each.rate}
+        signals, rates = output.list_signals(), {each.name for each in output.drivers() if each.own and each.rate}
         x, y = signals[across][present], signals[along][present]
         edges = [equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else equal_edges(y, PLANE_BINS)]
         counts = np.histogram2d(x, y, bins=edges)[0]
@@ -48,17 +47,12 @@ def average_loops(states: Sequence[FittedChannel]) -> pd.DataFrame:
     """
     frames = []
     for state in states:
-        output, signals = state.output, list_signals(state.output)
+        output, signals = state.output, state.output.list_signals()
         variable, rate = output.loop
         rows = average_by_direction(signals[variable], signals[rate], state.nominal.fit.residual, output)
         told = {"channel": output.channel, "muscle": output.element, "unit": output.unit, "variable": variable}
         frames.append(rows.assign(**told))
     return pd.concat(frames, ignore_index=True)
-
-
-def list_signals(output: OutputChannel) -> dict[str, Array]:
-    """Return an output's own drivers by name."""
-    return dict(map(attrgetter("name", "values"), [each for each in output.drivers() if each.own]))
 
 
 def average_by_direction(variable: Array, rate: Array | None, values: Array, output: OutputChannel) -> pd.DataFrame:

@@ -9,13 +9,7 @@ import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.dataset import Dataset
-from stages.science.discrepancy.residuals import (
-    LOOP_BINS,
-    average_by_direction,
-    average_in_bins,
-    list_signals,
-    split_by_direction,
-)
+from stages.science.discrepancy.residuals import LOOP_BINS, average_by_direction, average_in_bins, split_by_direction
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.output_channels.output_channel import OutputChannel
@@ -67,7 +61,7 @@ def _trace(output: OutputChannel, found: SearchTables, name: str) -> _Traced:
     whole = output.simulate(constants, effects)
     without = output.simulate(constants, [each for each in effects if each[0].name != name])
     form = next(each.form for each, _ in effects if each.name == name)
-    signals, rates = list_signals(output), {each.name for each in output.drivers() if each.rate}
+    signals, rates = output.list_signals(), {each.name for each in output.drivers() if each.rate}
     rate = signals[output.loop[1]]
     variables = {name: (signal, None if name in rates else rate) for name, signal in signals.items()}
     variables["simulated"] = (without, rate)

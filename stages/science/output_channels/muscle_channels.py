@@ -14,14 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.science.output_channels.exact_values import find_count, find_levels
-from stages.science.output_channels.output_channel import (
-    Counts,
-    DetectionSettings,
-    Driver,
-    OutputChannel,
-    Placed,
-    list_starts,
-)
+from stages.science.output_channels.output_channel import Counts, DetectionSettings, Driver, OutputChannel, Placed
 from stages.science.plant.actuator_path import Acting, ActuatorPath, predict_force, predict_pressure
 from stages.science.plant.effect import ChainEffect, NamedEffect, Parameter, find_effect, list_effects, list_forms
 from stages.science.plant.learned_map import DRIVES, SESSION_TIME, TIME
@@ -156,7 +149,7 @@ class MuscleChannel(OutputChannel):
         if form.name == QUANTISATION:
             return []
         if form.name != EXACT:
-            return list_starts(form)
+            return super().starts(form, constants)
         return [] if self._level is None else [self.name_level(self._level, constants)]
 
     def shows(self, form: NamedEffect) -> bool:

@@ -147,6 +147,10 @@ class OutputChannel(ABC):
     def drivers(self) -> list[Driver]:
         """Return the signals from which a flexible model may explain what is left."""
 
+    def list_signals(self) -> dict[str, Array]:
+        """Return its own drivers by name."""
+        return {each.name: each.values for each in self.drivers() if each.own}
+
     def respond(self, features: Array) -> Array:
         """Return the features of a flexible model, (T, K, F), as this channel responds to them; here without delay.
 

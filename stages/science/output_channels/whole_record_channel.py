@@ -25,7 +25,6 @@ from stages.science.output_channels.output_channel import (
     Driver,
     OutputChannel,
     Placed,
-    list_starts,
     map_in_threads,
 )
 from stages.science.output_channels.records import bridge, bridge_short, spread_records, thin_out
@@ -246,7 +245,7 @@ class WholeRecordChannel(OutputChannel):
         if _is_exact(form):
             return [shown] if (shown := self._show(form)) else []
         told = self.plant.list_starts(form, self._seen, self.step_s, constants)
-        return list_starts(form) if told is None else told
+        return super().starts(form, constants) if told is None else told
 
     def shows(self, form: NamedEffect) -> bool:
         """Return whether the largest or the smallest value recurs exactly, and the form cuts off at levels."""
