@@ -5,21 +5,13 @@ while it lengthens; only a load cell at the joint's end sees it. The strands of 
 pressure presses them (`sleeve`); any load cell sees that.
 """
 
-from collections.abc import Mapping
 from dataclasses import replace
 
 import numpy as np
 
 from stages.science.effects import PRESLIDING, name_terms, slide
-from stages.science.plant.effect import ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter, State
+from stages.science.plant.effect import ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter
 from stages.science.plant.muscle import pull_at_rest
-from stages.science.signals.trajectories import Array
-
-
-def _apply_in_sleeve(signal: Array, state: State, parameters: Mapping[str, float]) -> Array:
-    pressed = pull_at_rest(state.pressure_kpa, state.muscles)
-    return signal - parameters["share"] * pressed * slide(state, parameters)
-
 
 SOURCE = (
     "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Friction models and friction compensation, Eur. J. "
@@ -119,7 +111,9 @@ SLEEVE = replace(
     ),
     signature="force steps at every reversal in proportion to pressure",
     split_by="slow reversals at two pressures: the step at reversal grows with pressure",
-    apply=_apply_in_sleeve,
+    apply=lambda signal, state, parameters: (
+        signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * slide(state, parameters)
+    ),
 )
 
 FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLEEVE, SLIDER, YIELDING_SLIDER, RUBBING_ELEMENT)

@@ -22,11 +22,6 @@ def _warm(state: State, tau_s: float) -> Array:
     return -np.expm1(-_session_s(state) / tau_s)
 
 
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    minutes = _session_s(state) / MINUTE_S
-    return signal + parameters["share_per_min"] * state.muscles.full_force_n * minutes
-
-
 TAU = Parameter("tau_s", "s", 5.0, 3600.0, 200.0, 200.0, "time constant of warming up", (40.0, 200.0))
 
 EFFECT = ChainEffect(
@@ -40,7 +35,9 @@ EFFECT = ChainEffect(
     source="JCGM 200, International vocabulary of metrology (2012), 4.21: instrumental drift",
     signature="force errs by an amount that changes along the session and not with what is done",
     split_by="the same reference trial at the session's start, middle and end",
-    apply=_apply,
+    apply=lambda signal, state, parameters: (
+        signal + parameters["share_per_min"] * state.muscles.full_force_n * (_session_s(state) / MINUTE_S)
+    ),
 )
 
 DRIFTING_ELEMENT = ElementEffect(

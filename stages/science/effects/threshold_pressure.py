@@ -11,11 +11,6 @@ from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    threshold = parameters["threshold_kpa"]
-    return signal - np.minimum(np.maximum(signal, 0.0), threshold)
-
-
 def _apply_gradually(signal: Array, state: State, parameters: Values) -> Array:
     taken = parameters["threshold_kpa"] * -np.expm1(-np.maximum(signal, 0.0) / parameters["scale_kpa"])
     return np.maximum(signal - taken, np.minimum(signal, 0.0))
@@ -37,7 +32,7 @@ EFFECT = ChainEffect(
     ),
     signature="force is short by a constant share of the area times pressure, at every pressure beyond the threshold",
     split_by="a slow sweep of pressure from zero at constant contraction",
-    apply=_apply,
+    apply=lambda signal, state, parameters: signal - np.minimum(np.maximum(signal, 0.0), parameters["threshold_kpa"]),
 )
 
 FORMS = (

@@ -16,11 +16,6 @@ from stages.science.signals.trajectories import Array
 USUAL_PER_S = 0.1
 
 
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    quick = state.velocity_per_s / USUAL_PER_S
-    return signal - parameters["share"] * state.muscles.full_force_n * quick
-
-
 def _apply_power(signal: Array, state: State, parameters: Values) -> Array:
     quick = state.velocity_per_s / USUAL_PER_S
     bent = np.copysign(np.abs(quick) ** parameters["exponent"], quick)
@@ -48,7 +43,9 @@ EFFECT = ChainEffect(
     ),
     signature="force is short in proportion to the velocity of shortening, and right at rest",
     split_by="the same way at three speeds and two pressures",
-    apply=_apply,
+    apply=lambda signal, state, parameters: (
+        signal - parameters["share"] * state.muscles.full_force_n * (state.velocity_per_s / USUAL_PER_S)
+    ),
 )
 
 DAMPED_MOTION = DynamicEffect(

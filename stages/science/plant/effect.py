@@ -31,7 +31,9 @@ Signal = Literal[
     "sensed_force_n",
 ]
 Values = Mapping[str, float]
-"""Parameters of an effect by name."""
+"""Parameters of an effect, or constants of a machine, by name."""
+Signals = Mapping[str, Array]
+"""Signals by name, of one shape."""
 
 
 @dataclass(frozen=True)

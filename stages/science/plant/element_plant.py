@@ -5,13 +5,13 @@ Signals of records flow in; the answer flows out. A subclass says how constants 
 """
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 
-from stages.science.plant.effect import Bench, Effect
+from stages.science.plant.effect import Bench, Effect, Signals, Values
 from stages.science.plant.effect_config import EffectConfig
 from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Watched
 from stages.science.signals.filtering import differentiate
@@ -79,14 +79,14 @@ class ElementPlant(RecordPlant):
         return 0.0
 
     @abstractmethod
-    def answer(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Array:
+    def answer(self, signals: Signals, constants: Values) -> Array:
         """Return what the element would answer without any effect, of the signals' shape."""
 
     @abstractmethod
-    def guess(self, signals: Mapping[str, Array]) -> dict[str, tuple[float, float, float, float]]:
+    def guess(self, signals: Signals) -> dict[str, tuple[float, float, float, float]]:
         """Return start, bounds and deviation of each constant, from all records one after another, (N,) by name."""
 
-    def find_scales(self, records: Sequence[Mapping[str, Array]], step_s: float) -> dict[str, float]:
+    def find_scales(self, records: Sequence[Signals], step_s: float) -> dict[str, float]:
         """Return what scales are if they were left open, told by the signal along which the element is moved."""
         paths = [self.displace(each) for each in records]
         along, answer = np.concatenate(paths), np.concatenate([each[self.output] for each in records])
@@ -107,10 +107,10 @@ class ElementPlant(RecordPlant):
 
     def simulate(
         self,
-        signals: Mapping[str, Array],
+        signals: Signals,
         step_s: float,
         start_s: Array,
-        constants: Mapping[str, float],
+        constants: Values,
         effects: Sequence[Placed] = (),
         begun: InitialState | None = None,
     ) -> Array:
@@ -125,16 +125,16 @@ class ElementPlant(RecordPlant):
             changed = effect.apply(changed, bench, values)
         return changed * scale
 
-    def displace(self, signals: Mapping[str, Array]) -> Array:
+    def displace(self, signals: Signals) -> Array:
         """Return the signal along which the element is moved, in its unit."""
         return signals[self.along] - signals[self.against] if self.against else signals[self.along]
 
-    def press(self, signals: Mapping[str, Array]) -> Array:
+    def press(self, signals: Signals) -> Array:
         """Return the mean size of the signals that press."""
         pressing: Array = np.mean([np.abs(signals[name]) for name in self.pressing if name], axis=0)
         return pressing
 
-    def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
+    def refine(self, signals: Signals, step_s: float) -> Signals:
         """Return signals (T, R) with the displacement, and its rate per second."""
         path = self.displace(signals)
         return {**signals, PATH: path, RATE: signals[self.speed] if self.speed else self._differentiate(path, step_s)}
@@ -143,7 +143,7 @@ class ElementPlant(RecordPlant):
         window_s = min(SMOOTHED * self.movement_s, len(path) * step_s - 2.0 * step_s)
         return differentiate(path, 1.0 / step_s, window_s, CUBIC)
 
-    def set_up(self, signals: Mapping[str, Array], step_s: float, start_s: Array) -> Bench:
+    def set_up(self, signals: Signals, step_s: float, start_s: Array) -> Bench:
         """Return what effects look at, for signals as `refine` returns them, (T, R)."""
         time_scale_s, along_scale = self.know("time_scale_s"), self.know("along_scale")
         way = np.ascontiguousarray((signals[PATH] - self.know("along_middle")) / along_scale)
@@ -152,7 +152,7 @@ class ElementPlant(RecordPlant):
         rate = signals[RATE] * (time_scale_s / along_scale)
         return Bench(way, rate, step_s, time_scale_s, within + start_s, load)
 
-    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+    def watch(self, signals: Signals, step_s: float, constants: Values) -> list[Watched]:
         """Return the inputs, and how the element is moved."""
         refined = self.refine(signals, step_s)
         rate = self.set_up(refined, step_s, np.zeros(1)).rate

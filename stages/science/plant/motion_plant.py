@@ -13,6 +13,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from stages.science.plant.declaration import Declared
+from stages.science.plant.effect import Signals, Values
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
 from stages.science.plant.filters import lag
 from stages.science.plant.linear_guess import filter_derivatives, find_pace
@@ -102,16 +103,14 @@ class MotionPlant(RecordPlant):
         """All inputs."""
         return self.inputs
 
-    def list_starts(
-        self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float, constants: Mapping[str, float]
-    ) -> Tries:
+    def list_starts(self, effect: Any, records: Sequence[Signals], step_s: float, constants: Values) -> Tries:
         """Return limits of the drive, see `list_limits`; and the machine that records show whose sign is restored."""
         if effect.unsigned and len(self.inputs) == 1:
             return self._list_signed_starts(effect, records, step_s)
         pushes = (self.pull(each, constants).push for each in records)
         return self.list_limits(effect, "drive", pushes, self.know("output_scale") / self.know("time_scale_s") ** 2)
 
-    def _list_signed_starts(self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float) -> Tries:
+    def _list_signed_starts(self, effect: Any, records: Sequence[Signals], step_s: float) -> Tries:
         """Return starts of a sensor that is blind to the sign, with constants guessed from outputs of both signs.
 
         The sign is first that of the input through the lag whose size follows the output best, and then that of what
@@ -155,7 +154,7 @@ class MotionPlant(RecordPlant):
         return float(np.log(1e3) / slowest) if slowest > 0.0 and not self.drifts else np.inf
 
     @abstractmethod
-    def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
+    def pull(self, signals: Signals, constants: Values) -> Pull:
         """Return what accelerates the motion under inputs (N, R), at whatever instants."""
 
     @abstractmethod
@@ -172,7 +171,7 @@ class MotionPlant(RecordPlant):
             How records begin.
         """
 
-    def resolve_from_data(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+    def resolve_from_data(self, records: Sequence[Signals], step_s: float) -> Self:
         """Return the plant with the scales and constants that were left open; see `RecordPlant.resolve_from_data`."""
         outputs = [each[self.output] for each in records]
         spans = [float(np.ptp(each)) for each in outputs]
@@ -200,7 +199,7 @@ class MotionPlant(RecordPlant):
                 least, settled = missed, tried
         return settled
 
-    def _guess_constants(self, records: Sequence[Mapping[str, Array]], step_s: float, begun: InitialState) -> Self:
+    def _guess_constants(self, records: Sequence[Signals], step_s: float, begun: InitialState) -> Self:
         """Return the plant with constants told by records through filters of its pace."""
         tau_s = max(self.FILTER * self.know("time_scale_s"), FINEST_FILTER * step_s)
         names = (*self.inputs, self.output)
@@ -213,7 +212,7 @@ class MotionPlant(RecordPlant):
         guessed["input_delay_s"] = (0.0, -step_s, step_s, 0.5 * step_s)
         return self.fill_in(guessed)
 
-    def _follow_nature(self, records: Sequence[Mapping[str, Array]]) -> Self:
+    def _follow_nature(self, records: Sequence[Signals]) -> Self:
         """Return the plant at the pace of its free motion, or of that in which the usual push brings one scale."""
         joined = {name: np.concatenate([each[name] for each in records])[:, None] for name in self.inputs}
         pulled = self.pull(joined, self.starts)
@@ -221,13 +220,13 @@ class MotionPlant(RecordPlant):
         pace_s = 1.0 / np.sqrt(hold) if hold > 0.0 else np.sqrt(self.know("output_scale") / max(push, 1e-300))
         return self.model_copy(update={"time_scale_s": float(pace_s)})
 
-    def _miss(self, records: Sequence[Mapping[str, Array]], step_s: float) -> float:
+    def _miss(self, records: Sequence[Signals], step_s: float) -> float:
         """Return the root mean square by which the guessed constants miss what was measured."""
         measured = [each[self.output] for each in records]
         missed = np.concatenate(self._follow(records, step_s)) - np.concatenate(measured)
         return float(np.sqrt(np.mean(missed**2)))
 
-    def _follow(self, records: Sequence[Mapping[str, Array]], step_s: float) -> list[Array]:
+    def _follow(self, records: Sequence[Signals], step_s: float) -> list[Array]:
         """Return the motions that the guessed constants tell, one of each record."""
         followed = []
         for each in records:
@@ -240,7 +239,7 @@ class MotionPlant(RecordPlant):
         """Return the plant for records of which every so many samples became their mean: such inputs are means."""
         return self.model_copy(update={"between_samples": "averaged"}) if stride > 1 else self
 
-    def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
+    def refine(self, signals: Signals, step_s: float) -> Signals:
         """Return signals with inputs at the instants that the integrator looks at."""
         refined = {name: refine(signals[name], self._substeps(step_s), self.between_samples) for name in self.inputs}
         return {**signals, **refined}
@@ -250,10 +249,10 @@ class MotionPlant(RecordPlant):
 
     def simulate(
         self,
-        signals: Mapping[str, Array],
+        signals: Signals,
         step_s: float,
         start_s: Array,
-        constants: Mapping[str, float],
+        constants: Values,
         effects: Sequence[Placed] = (),
         begun: InitialState | None = None,
     ) -> Array:
@@ -261,12 +260,7 @@ class MotionPlant(RecordPlant):
         return self.simulate_each(signals, step_s, start_s, [(constants, effects)], begun)[:, :, 0]
 
     def simulate_each(
-        self,
-        signals: Mapping[str, Array],
-        step_s: float,
-        start_s: Array,
-        cases: Sequence[Case],
-        begun: InitialState | None = None,
+        self, signals: Signals, step_s: float, start_s: Array, cases: Sequence[Case], begun: InitialState | None = None
     ) -> Array:
         """Return the motions of several cases, (T, R, C); see `RecordPlant.simulate_each`."""
         scale, time_scale_s = self.know("output_scale"), self.know("time_scale_s")

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 from pydantic import Field, model_validator
 
-from stages.science.plant.effect import Parameter
+from stages.science.plant.effect import Parameter, Signals, Values
 from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.element_plant import PATH, RATE, ElementPlant
 from stages.science.signals.trajectories import Array
@@ -70,7 +70,7 @@ class ProductPlant(ElementPlant):
             for name, each in self.constants.items()
         )
 
-    def answer(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Array:
+    def answer(self, signals: Signals, constants: Values) -> Array:
         """Return the sum of the constants' products."""
         shape = signals[self.along].shape
         answer = np.zeros(shape)
@@ -81,7 +81,7 @@ class ProductPlant(ElementPlant):
             answer += product
         return answer
 
-    def guess(self, signals: Mapping[str, Array]) -> dict[str, tuple[float, float, float, float]]:
+    def guess(self, signals: Signals) -> dict[str, tuple[float, float, float, float]]:
         """Return zero for each, and bounds by the measured ranges."""
         largest = {name: max(float(np.abs(values).max()), 1e-12) for name, values in signals.items()}
         largest[PATH] = max(float(np.abs(self.displace(signals)).max()), 1e-12)

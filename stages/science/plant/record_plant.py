@@ -13,14 +13,14 @@ from numpy.typing import NDArray
 from pydantic import BaseModel, Field, model_validator
 
 from stages.science.plant.declaration import Declared
-from stages.science.plant.effect import DynamicEffect, Effect, Parameter
+from stages.science.plant.effect import DynamicEffect, Effect, Parameter, Signals, Values
 from stages.science.plant.effect_config import EffectConfig, NominalConstant, find_effect_at, infer_from_data
 from stages.science.plant.learned_map import LearnedMap
 from stages.science.plant.linear_guess import find_pace
 from stages.science.signals.trajectories import Array
 
 Positive = Annotated[float, Field(gt=0.0)]
-Placed = tuple[Any, Mapping[str, float]]
+Placed = tuple[Any, Values]
 """An effect and its parameters."""
 PERIODS = 2.0
 """Periods of the usual motion in a movement."""
@@ -28,7 +28,7 @@ SAMPLES_A_PERIOD = 200
 Terms = TypeVar("Terms")
 Tries = list[dict[str, float]] | None
 """Values of parameters, and of constants, from which a fit is tried; None for the parameters' own starts."""
-Case = tuple[Mapping[str, float], Sequence[Placed]]
+Case = tuple[Values, Sequence[Placed]]
 """Constants by name, and effects beside those listed."""
 
 
@@ -216,9 +216,7 @@ class RecordPlant(Declared):
         """Time between samples, s, below which more of them tell no more."""
         return self.movement_s / (PERIODS * SAMPLES_A_PERIOD)
 
-    def list_starts(
-        self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float, constants: Mapping[str, float]
-    ) -> Tries:
+    def list_starts(self, effect: Any, records: Sequence[Signals], step_s: float, constants: Values) -> Tries:
         """Return where fits of an effect may begin, told by records; None for the starts of its parameters.
 
         Of each record, inputs and output by name, (N_r,). A start holds a value of each parameter, and may hold one of
@@ -268,7 +266,7 @@ class RecordPlant(Declared):
         """Where a fit of the constants begins."""
         return {each.name: each.prior_mean for each in self.parameters}
 
-    def resolve_from_data(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+    def resolve_from_data(self, records: Sequence[Signals], step_s: float) -> Self:
         """Return the plant with scales and constants, where they were left open, from recorded signals.
 
         Of each record, inputs and output by name, (N_r,) without gaps, sampled every `step_s`, s.
@@ -302,7 +300,7 @@ class RecordPlant(Declared):
         constants = told if isinstance(self.constants, dict) else type(self.constants)(**told)
         return self.model_copy(update={**scales, "constants": constants})
 
-    def find_scales(self, records: Sequence[Mapping[str, Array]], step_s: float) -> dict[str, float]:
+    def find_scales(self, records: Sequence[Signals], step_s: float) -> dict[str, float]:
         """Return what scales are if they were left open: half the range of the output, and how quick it is."""
         outputs = [each[self.output] for each in records]
         return {
@@ -322,17 +320,17 @@ class RecordPlant(Declared):
         """Return the plant for records of which every so many samples became their mean."""
         return self
 
-    def refine(self, signals: Mapping[str, Array], step_s: float) -> Mapping[str, Array]:
+    def refine(self, signals: Signals, step_s: float) -> Signals:
         """Return inputs and output (T, R) as `simulate` takes them; once for many simulations."""
         return signals
 
     @abstractmethod
     def simulate(
         self,
-        signals: Mapping[str, Array],
+        signals: Signals,
         step_s: float,
         start_s: Array,
-        constants: Mapping[str, float],
+        constants: Values,
         effects: Sequence[Placed] = (),
         begun: InitialState | None = None,
     ) -> Array:
@@ -352,17 +350,12 @@ class RecordPlant(Declared):
         """
 
     def simulate_each(
-        self,
-        signals: Mapping[str, Array],
-        step_s: float,
-        start_s: Array,
-        cases: Sequence[Case],
-        begun: InitialState | None = None,
+        self, signals: Signals, step_s: float, start_s: Array, cases: Sequence[Case], begun: InitialState | None = None
     ) -> Array:
         """Return the outputs of several cases, (T, R, C), bit for bit those of one after the other; see `simulate`."""
         return np.stack([self.simulate(signals, step_s, start_s, *case, begun) for case in cases], axis=2)
 
-    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+    def watch(self, signals: Signals, step_s: float, constants: Values) -> list[Watched]:
         """Return what may explain a residual, of records with inputs and output: a state, a rate, more.
 
         Here the output as the textbook would have it, its rate, and the inputs. The measured output would carry the
@@ -372,7 +365,7 @@ class RecordPlant(Declared):
         plain, refined = self.model_copy(update={"effects": []}), self.refine(signals, step_s)
         return self.list_watched(plain.simulate(refined, step_s, np.zeros(1), constants, (), begun), signals, step_s)
 
-    def list_watched(self, state: Array, signals: Mapping[str, Array], step_s: float) -> list[Watched]:
+    def list_watched(self, state: Array, signals: Signals, step_s: float) -> list[Watched]:
         """Return a state (T, R), its rate per pace, and the inputs."""
         rate = np.gradient(state, step_s, axis=0) * (self.time_scale_s or 1.0)
         told = [Watched(self.WATCHED[0], state, False), Watched(self.WATCHED[1], rate, True)]
@@ -383,10 +376,7 @@ class RecordPlant(Declared):
         return features
 
     def amend(
-        self,
-        constants: Mapping[str, float],
-        effects: Sequence[tuple[str, str, Mapping[str, float]]],
-        learned: Sequence[LearnedMap] = (),
+        self, constants: Values, effects: Sequence[tuple[str, str, Values]], learned: Sequence[LearnedMap] = ()
     ) -> Self:
         """Return the plant with fitted constants, and with effects, as (name, form, parameters), and maps added."""
         told = self.model_dump()
@@ -401,7 +391,7 @@ class RecordPlant(Declared):
         return [*((entry.effect, entry.parameters) for entry in self.effects), *effects]
 
 
-def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effect, Mapping[str, float]]]) -> Terms:
+def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effect, Values]]) -> Terms:
     """Return the terms of several effects at a site, as a named tuple of a kind.
 
     Raises

@@ -10,6 +10,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from stages.science.plant.effect import Signals, Values
 from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.filters import lag
 from stages.science.plant.linear_guess import regress
@@ -35,7 +36,7 @@ class BeltDrive(Oscillator):
     kind: Literal["belt_drive"]
     constants: BeltConstants
 
-    def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
+    def pull(self, signals: Signals, constants: Values) -> Pull:
         """Return what the drive brings, late, the belt, and what damps it."""
         return super().pull(signals, constants)._replace(lag_s=constants["drive_lag_s"])
 

@@ -5,7 +5,7 @@ the terms that named effects add; the reading of the lower level flows out. Leve
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field
 
 from stages.science.plant.declaration import Declared
+from stages.science.plant.effect import Signals, Values
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
 from stages.science.plant.filters import read
 from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Watched, begin, collect
@@ -138,16 +139,16 @@ class CascadedTanks(RecordPlant):
         """Time in which levels forget what was pumped, s; assumed: five times that in which one follows."""
         return 5.0 * self.time_scale_s
 
-    def resolve_from_data(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+    def resolve_from_data(self, records: Sequence[Signals], step_s: float) -> Self:
         """Return the plant with bounds of its timing, where they were left open; a fit begins at an input held."""
         return self.fill_in({"input_delay_s": (0.5 * step_s, -step_s, step_s, 0.5 * step_s)})
 
     def simulate(
         self,
-        signals: Mapping[str, Array],
+        signals: Signals,
         step_s: float,
         start_s: Array,
-        constants: Mapping[str, float],
+        constants: Values,
         effects: Sequence[Placed] = (),
         begun: InitialState | None = None,
     ) -> Array:
@@ -177,7 +178,7 @@ class CascadedTanks(RecordPlant):
             state = begin(run, state, wide, signals[self.output], begun.noise)
         return run(state, np.arange(len(columns)), columns.shape[1])
 
-    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+    def watch(self, signals: Signals, step_s: float, constants: Values) -> list[Watched]:
         """Return the input, and the level as the textbook's tanks would have it; see `RecordPlant.watch`."""
         level, rate, pump = super().watch(signals, step_s, constants)
         return [pump, level, rate]

@@ -5,7 +5,7 @@ in a scale of the output and times in a pace, so that one effect has the same bo
 """
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any, ClassVar, Literal, NamedTuple, Self
 
 import numpy as np
@@ -14,6 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from stages.science.plant.declaration import Declared
+from stages.science.plant.effect import Signals, Values
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
 from stages.science.plant.filters import read
 from stages.science.plant.linear_guess import filter_derivatives, find_pace, regress
@@ -114,9 +115,7 @@ class FirstOrder(RecordPlant):
             raise ValueError(f"time_constant_s: expected low above 0 s, got {low}")
         return self
 
-    def list_starts(
-        self, effect: Any, records: Sequence[Mapping[str, Array]], step_s: float, constants: Mapping[str, float]
-    ) -> Tries:
+    def list_starts(self, effect: Any, records: Sequence[Signals], step_s: float, constants: Values) -> Tries:
         """Return limits of the input; see `RecordPlant.list_limits`."""
         aims = (constants["gain"] * each[self.input] for each in records)
         return self.list_limits(effect, "lag_drive", aims, self.know("output_scale"))
@@ -126,7 +125,7 @@ class FirstOrder(RecordPlant):
         """Time in which a step comes to a thousandth of where it ends, s."""
         return float(np.log(1e3)) * self.starts["time_constant_s"]
 
-    def resolve_from_data(self, records: Sequence[Mapping[str, Array]], step_s: float) -> Self:
+    def resolve_from_data(self, records: Sequence[Signals], step_s: float) -> Self:
         """Return the plant with the scales and constants that were left open; see `RecordPlant.resolve_from_data`."""
         outputs = [each[self.output] for each in records]
         scale = self.output_scale or max(0.5 * max(float(np.ptp(each)) for each in outputs), 1e-12)
@@ -155,10 +154,10 @@ class FirstOrder(RecordPlant):
 
     def simulate(
         self,
-        signals: Mapping[str, Array],
+        signals: Signals,
         step_s: float,
         start_s: Array,
-        constants: Mapping[str, float],
+        constants: Values,
         effects: Sequence[Placed] = (),
         begun: InitialState | None = None,
     ) -> Array:

@@ -12,6 +12,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from stages.science.plant.effect import Signals, Values
 from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
 from stages.science.plant.motion_plant import Guess, MotionConstants, MotionPlant, Pull
@@ -41,7 +42,7 @@ class PamJoint(MotionPlant):
     pressures: list[str] = Field(min_length=2, max_length=2, description="raises the output, lowers it")
     constants: JointConstants
 
-    def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
+    def pull(self, signals: Signals, constants: Values) -> Pull:
         """Return what the muscles bring and hold."""
         raising, lowering = (signals[name] for name in self.pressures)
         push = constants["gain"] * (raising - lowering) + constants["bias"]

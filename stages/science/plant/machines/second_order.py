@@ -6,6 +6,7 @@ from typing import ClassVar, Literal, Self
 import numpy as np
 from pydantic import Field, model_validator
 
+from stages.science.plant.effect import Signals, Values
 from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
 from stages.science.plant.motion_plant import Guess, MotionConstants, MotionPlant, Pull
@@ -41,7 +42,7 @@ class Oscillator(MotionPlant):
     input: str
     constants: OscillatorConstants
 
-    def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
+    def pull(self, signals: Signals, constants: Values) -> Pull:
         """Return what the drive brings, the spring, and the damper."""
         omega = 2.0 * np.pi * constants["natural_frequency_hz"]
         push = omega**2 * constants["static_gain"] * (signals[self.input] + constants["input_offset"])

@@ -9,6 +9,7 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
+from stages.science.plant.effect import Signals, Values
 from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
 from stages.science.plant.motion_plant import Guess, MotionConstants, MotionPlant, Pull
@@ -44,7 +45,7 @@ class ServoDrive(MotionPlant):
     force: str
     constants: DriveConstants
 
-    def pull(self, signals: Mapping[str, Array], constants: Mapping[str, float]) -> Pull:
+    def pull(self, signals: Signals, constants: Values) -> Pull:
         """Return force over mass."""
         push = (signals[self.force] + constants["force_offset"]) / constants["mass"]
         return Pull(push, 0.0, 0.0, 0.0, (constants["start_shift"], constants["start_rate_shift"]))
@@ -69,7 +70,7 @@ class ServoDrive(MotionPlant):
             "start_rate_shift": (0.0, -20.0 * rate, 20.0 * rate, rate),
         }
 
-    def watch(self, signals: Mapping[str, Array], step_s: float, constants: Mapping[str, float]) -> list[Watched]:
+    def watch(self, signals: Signals, step_s: float, constants: Values) -> list[Watched]:
         """Return the measured motion, smoothed, its velocity and the force: without friction a simulated one drifts."""
         from scipy.ndimage import gaussian_filter1d
 
