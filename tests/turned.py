@@ -11,6 +11,7 @@ import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import dataclass
+from unittest.mock import patch
 
 import pytest
 
@@ -37,8 +38,8 @@ class Rest:
     seen: int | None = None
 
 
-class TurnedClock(clock.Clock):
-    """The clock of the tests."""
+class TurnedClock:
+    """The clock of the tests, with the functions of the rigs' own."""
 
     def __init__(self) -> None:
         self._now_s = BEGINS_S
@@ -60,7 +61,7 @@ class TurnedClock(clock.Clock):
                 while self._now_s <= rest.until_s:
                     self._turn()
 
-    def wait(self, condition: threading.Condition, for_s: float | None) -> bool:
+    def wait(self, condition: threading.Condition, for_s: float | None = None) -> bool:
         """Wait as `Condition.wait`, but return whenever the clock was turned, too: who waits looks again."""
         begun_s = self._now_s
         until_s = float("inf") if for_s is None else begun_s + for_s
@@ -156,7 +157,7 @@ class TurnedClock(clock.Clock):
 def turn_clock() -> Iterator[TurnedClock]:
     """Have rigs go by such a clock."""
     made = TurnedClock()
-    with clock.go_by(made):
+    with patch.multiple(clock, now_s=made.now_s, sleep=made.sleep, wait=made.wait):
         yield made
 
 
