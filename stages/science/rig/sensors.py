@@ -17,17 +17,16 @@ def record(
     exoskeleton: Exoskeleton,
     plant: Plant,
     generator: np.random.Generator,
-    start_s: float = 0.0,
     lead: int = 0,
 ) -> Recording:
-    """Return the recording of a motion under commands as applied (L + T, M), kPa gauge, of a trial in a session.
+    """Return the recording of a motion under commands as applied (L + T, M), kPa gauge.
 
-    The trial begins at `start_s`, after the L samples of its lead-in. Their noise is drawn last, and their velocities
-    are filtered apart, so that a trial's numbers do not depend on whether they are there. Noise comes before the
-    effects of a sensor, which may round or clip it.
+    The trial begins after the L samples of its lead-in. Their noise is drawn last, and their velocities are filtered
+    apart, so that a trial's numbers do not depend on whether they are there. Noise comes before the effects of a
+    sensor, which may round or clip it.
     """
     rate_hz = exoskeleton.sampling_rate_hz
-    chain = Chain(exoskeleton, plant, start_s - lead / rate_hz)
+    chain = Chain(exoskeleton, plant, -lead / rate_hz)
     models = [plant.find_model(muscle.name, muscle.type) for muscle in exoskeleton.muscles]
     pressure_noise, force_noise, angle_noise = _draw_noise(generator, command_kpa, motion.joint_angle_rad, lead)
     pressure = chain.sense_pressure(
