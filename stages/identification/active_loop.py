@@ -44,7 +44,6 @@ from stages.science.rig.limits import speed_samples
 from stages.science.rig.reference import (
     describe_sources,
     exchange_columns,
-    exchange_pressures,
     read_sources,
     track,
 )
@@ -413,7 +412,7 @@ def gather_commands(chosen: pd.DataFrame, references: pd.DataFrame, bending: Ben
     frames = []
     for row in chosen.to_dict("records"):
         sources = read_sources(row.get("pressures_from", ""))
-        rows = exchange_pressures(references, int(row["trajectory"]), sources)
+        rows = exchange_columns(references, int(row["trajectory"]), sources)
         if bending is not None:
             rows = bending.bend(rows, read_changes(row.get("bent_by", "")))
         frames.append(rows.assign(trial=row["trial"]))
@@ -531,7 +530,7 @@ class Loop:
         described: dict[str, Any] = describe_choice(choice, interaction, self.muscles)
         if self.cfg.active_loop.exchange_pressures:
             described["pressures_from"] = describe_sources(self.name_sources(choice))
-        rows = exchange_pressures(self.references, described["trajectory"], self.name_sources(choice))
+        rows = exchange_columns(self.references, described["trajectory"], self.name_sources(choice))
         if self.bending is not None:
             changes, gained = self.bend(rows, choice, interaction, trial, rig)
             rows = self.bending.bend(rows, changes)

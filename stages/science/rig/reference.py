@@ -71,18 +71,17 @@ def track(
     return pd.DataFrame(tidy(rig.execute(trial, generator, watch), rig))
 
 
-def exchange_pressures(references: pd.DataFrame, trajectory: int, sources: Mapping[str, int]) -> pd.DataFrame:
-    """Return a movement's rows with some muscles' pressure commands from other movements, sample by sample.
-
-    References are as of `track`; `sources` names the movement by muscle, and a muscle that is not in it keeps its own.
-    """
-    return exchange_columns(references, trajectory, sources, ["pressure_command_kpa"])
-
-
 def exchange_columns(
-    movements: pd.DataFrame, trajectory: int, sources: Mapping[str, int], columns: Sequence[str]
+    movements: pd.DataFrame,
+    trajectory: int,
+    sources: Mapping[str, int],
+    columns: Sequence[str] = ("pressure_command_kpa",),
 ) -> pd.DataFrame:
-    """Return a movement's rows with some muscles' columns from other movements, sample by sample."""
+    """Return a movement's rows with some muscles' columns from other movements, sample by sample.
+
+    Movements are as the references of `track`; `sources` names the movement by muscle, and a muscle that is not in it
+    keeps its own.
+    """
     rows = movements[movements["trajectory"] == trajectory].copy()
     for muscle, source in sources.items():
         its = movements[(movements["trajectory"] == source) & (movements["muscle"] == muscle)]

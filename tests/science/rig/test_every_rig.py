@@ -11,7 +11,7 @@ import pytest
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import RECORDING_COLUMNS, RigError, tidy
 from stages.science.rig.limits import speed_samples
-from stages.science.rig.reference import exchange_pressures, track, tracked_trial
+from stages.science.rig.reference import exchange_columns, track, tracked_trial
 from stages.science.rig.replay import ReplayRig
 from stages.science.rig.trial import CLIPPED_BY, STATUS, Trial
 from stages.science.signals.bending import Bending
@@ -175,7 +175,7 @@ def test_exchanged_pressures_are_applied_within_every_limit(rig, generator):
     rig.check_bank(references, "trajectory")
     sources = {name: 1 - int(pull) for name, pull in zip(rig.muscles, pulls, strict=True)}
     asked = np.where(pulls, *movements)
-    rows = exchange_pressures(references, 0, sources)
+    rows = exchange_columns(references, 0, sources)
     np.testing.assert_array_equal(tracked_trial(rows, rig, "p1", "").pressure_command_kpa, asked)
     with rig:
         recorded = leave_out_lead_in(track(rows, 0, rig, "p1", "exchanged", generator))
