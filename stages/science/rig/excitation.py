@@ -16,7 +16,7 @@ from stages.science.plant.declaration import Declared, nearest
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import MOST_ROWS, Rig, Watch, tidy
 from stages.science.rig.limits import Limits, ordered
-from stages.science.rig.trial import Manner, Proposal, Trial
+from stages.science.rig.trial import NATURAL, Manner, Proposal, Trial
 from stages.science.signals.trajectories import Array, pressure_profiles
 
 
@@ -98,14 +98,7 @@ class MovementKind(Declared):
         return np.asarray(low + (high - low) * np.where(opposed, 1.0 - share, share))
 
 
-NATURAL_KIND = MovementKind(
-    share=1.0,
-    range_ratio=1.0,
-    duration_ratio=1.0,
-    rest_ratio=1.0,
-    pressures="independent",
-    instruction="a natural movement",
-)
+NATURAL_KIND = MovementKind(share=1.0, pressures="independent", instruction="a natural movement", **vars(NATURAL))
 
 
 class FreeMovements(Declared):
@@ -128,7 +121,7 @@ class FreeMovements(Declared):
         """The kinds by name, natural movements where none are given."""
         return self.kinds or {"natural": NATURAL_KIND}
 
-    def name_kind(self, trajectory: int) -> str:
+    def find_kind(self, trajectory: int) -> MovementKind:
         """Return the kind of a movement: kinds alternate so that any first part of the set has their shares."""
         shares = {name: each.share for name, each in self.all_kinds.items()}
         counts = dict.fromkeys(shares, 0)
@@ -136,11 +129,7 @@ class FreeMovements(Declared):
         for position in range(trajectory + 1):
             name = max(shares, key=lambda each: shares[each] * (position + 1) - counts[each])
             counts[name] += 1
-        return name
-
-    def find_kind(self, trajectory: int) -> MovementKind:
-        """Return what the kind of a movement is."""
-        return self.all_kinds[self.name_kind(trajectory)]
+        return self.all_kinds[name]
 
     def check_against(self, exoskeleton: Exoskeleton, path: str) -> None:
         """Check that the machine has these muscles, samples these levels and that memory holds its recordings.

@@ -173,7 +173,7 @@ def test_kinds_of_movement_differ_from_natural_ones_as_they_say():
     with configured() as rig:
         for trajectory in range(28):
             found = movements.record(trajectory, rig, np.random.default_rng(trajectory), "bank")
-            name = movements.name_kind(trajectory)
+            name = next(each for each in kinds if kinds[each] == movements.find_kind(trajectory))
             its = found["time_s"] >= 0.0
             angle, command = (found[each][its].reshape(4, -1) for each in ("joint_angle_rad", "pressure_command_kpa"))
             span[name].append(np.ptp(angle, axis=1).mean())
@@ -203,9 +203,9 @@ def test_co_contracted_pressures_rise_and_fall_together_within_each_muscles_rang
 def test_any_first_part_of_a_set_has_the_shares_of_its_kinds():
     kinds = make_kinds(rare={"share": 0.1}, usual={"share": 0.6}, other={"share": 0.3})
     movements = FreeMovements(seed=1, trajectories=100, kinds=kinds, pressure=make_pressure())
-    named = [movements.name_kind(each) for each in range(100)]
-    for name, kind in kinds.items():
-        counted = np.cumsum([each == name for each in named])
+    found = [movements.find_kind(each) for each in range(100)]
+    for kind in kinds.values():
+        counted = np.cumsum([each == kind for each in found])
         assert np.abs(counted - kind.share * np.arange(1, 101)).max() <= 1.0
     with pytest.raises(ValueError, match=r"kinds: expected shares that add up to 1, got 0\.9"):
         FreeMovements(seed=1, trajectories=3, kinds=make_kinds(a={"share": 0.9}), pressure=make_pressure())
