@@ -8,6 +8,7 @@ from collections.abc import Mapping
 from typing import Any, ClassVar, Literal
 
 import numpy as np
+from numpy.typing import NDArray
 from pydantic import Field, PositiveFloat
 
 from stages.science.plant.declaration import Declared
@@ -84,6 +85,11 @@ class CountRange(Declared):
     none: list[int] = Field(description="counts that stand for no value")
 
     _order = ordered("low", "high")
+
+    def sort_out(self, counts: Array) -> tuple[NDArray[np.bool_], NDArray[np.bool_]]:
+        """Return which counts stand for no value, and which of the others are at an end."""
+        none = np.isin(counts, self.none)
+        return none, ~none & ((counts < self.low) | (counts >= self.high))
 
 
 class ChannelMap:

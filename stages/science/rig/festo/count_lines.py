@@ -38,8 +38,7 @@ def judge_point(
     """Judge what a channel counted at one point (T,), by its configured place; `stopped` is why it ended early."""
     lost = saturated = np.zeros(len(counts), dtype=bool)
     if kind in ("pressure", "force"):
-        lost = np.isin(counts, valid.none)
-        saturated = ~lost & ((counts < valid.low) | (counts >= valid.high))
+        lost, saturated = valid.sort_out(counts)
     if kind == "encoder":
         counts = unroll(counts, place.zero_count)
     if not len(counts):

@@ -21,7 +21,7 @@ from stages.science.plant.declaration import nearest
 from stages.science.rig import clock
 from stages.science.rig.contract import RigError, TrialStopped, Watch, tidy
 from stages.science.rig.festo.channels import ChannelMap, EncoderPlace, MuscleChannels
-from stages.science.rig.festo.counting import CountRecording, record_counts, record_held
+from stages.science.rig.festo.counting import CountRecording, collect_counts, judge_held
 from stages.science.rig.festo.cpx_link import CpxLink, Device, LinkLost
 from stages.science.rig.festo.depressurise import depressurise
 from stages.science.rig.festo.held_signals import Held, hold_signals
@@ -167,14 +167,22 @@ class FestoCpx(FillingRig):
                 )
 
     def read_counts(self, record_s: float) -> CountRecording:
-        """Record the raw counts of all inputs for a time, s, at the sampling rate, while nothing is commanded.
+        """Record the raw counts of all inputs for a time, s, at the sampling rate; no output is touched.
 
         Raises
         ------
         RigError
             When the rig is not connected or the device does not answer.
         """
-        return record_counts(self._linked(), self.sampling_rate_hz, record_s)
+        link, rate_hz = self._linked(), self.sampling_rate_hz
+        ticks = pace(max(round(record_s * rate_hz), 2), 1.0 / rate_hz)
+        try:
+            taken = [(tick.index / rate_hz, link.read()) for tick in ticks]
+        except LinkLost as error:
+            raise RigError(
+                f"the device at {link.place} does not answer ({error}); check its power and its cable"
+            ) from None
+        return collect_counts(link, taken)
 
     def hold(
         self, muscle: str, command_kpa: float, record_s: float, *, ramp_s: float, settle_s: float
@@ -182,17 +190,19 @@ class FestoCpx(FillingRig):
         """Hold one muscle at a command, kPa gauge, all others vented, and record the raw counts of all inputs.
 
         It is filled and let down in `ramp_s`, longer where its limit on the rate asks for it, and recorded for a time,
-        s, from `settle_s` after the filling on. The recording says where a ceiling, a sensor at its end or a late loop
-        had the muscle let down early.
+        s, from `settle_s` after the filling on; meanwhile the device's watchdog is armed. The recording says where a
+        ceiling, a sensor at its end or a late loop had the muscle let down early, as far as channels that are not
+        calibrated yet can tell, in the guard's time at most.
 
         Raises
         ------
         ValueError
             When there is no such muscle, or the command is beyond its limits; nothing was commanded then.
         RigError
-            When the rig is not connected or the device does not answer.
+            When the rig is not connected, the device does not answer, or it could not be reached to let the muscle
+            down: then its watchdog does.
         """
-        link = self._linked()
+        link, rate_hz, period_s = self._linked(), self.sampling_rate_hz, 1.0 / self.sampling_rate_hz
         if muscle not in self.muscles:
             raise ValueError(f"no muscle '{muscle}'; {nearest(muscle, self.muscles)}")
         number = list(self.muscles).index(muscle)
@@ -202,17 +212,43 @@ class FestoCpx(FillingRig):
             raise ValueError(
                 f"{muscle}: expected {limit.low_kpa} to {limit.high_kpa} kPa (rig.limits.{kind}), got {command_kpa}"
             )
-        return record_held(
-            link,
-            self.sampling_rate_hz,
-            record_s,
-            muscle=number,
-            command_kpa=command_kpa,
-            ceilings=[self.guard.ceilings[each] for each in kinds],
-            ramp_s=max(ramp_s, command_kpa / limit.slew_kpa_per_s),
-            settle_s=settle_s,
-            ramp_down_s=self.guard.ramp_down_s,
-        )
+        ceilings = [self.guard.ceilings[each] for each in kinds]
+        ramp_s = max(ramp_s, command_kpa / limit.slew_kpa_per_s)
+        rise, first = max(round(ramp_s * rate_hz), 1), round((ramp_s + settle_s) * rate_hz)
+        target = np.where(np.arange(len(kinds)) == number, command_kpa, 0.0)
+        taken: list[tuple[float, Array]] = []
+        reason, lost, share = "", "", 0.0
+        with hold_signals() as signals:
+            try:
+                link.arm()
+                for tick in pace(first + max(round(record_s * rate_hz), 2), period_s):
+                    silent_s = link.longest_silence_s
+                    if silent_s > 0.5 * self.device.watchdog_s:
+                        reason = f"the loop came {1e3 * silent_s:.0f} ms late (half the watchdog's time is borne)"
+                        break
+                    counts = link.read()
+                    reason = signals.name or judge_held(link, counts, ceilings, number)
+                    if reason:
+                        break
+                    share = min((tick.index + 1) / rise, 1.0)
+                    link.write(share * target)
+                    if tick.index >= first:
+                        taken.append(((tick.index - first) * period_s, counts))
+            except LinkLost as error:
+                lost = str(error)
+            finally:
+                down_s = min(ramp_s * share, self.guard.ramp_down_s if reason else np.inf)
+                unreached = depressurise(link, share * target, max(down_s, period_s), period_s, lambda *_: None, lost)
+        with contextlib.suppress(LinkLost):  # an armed watchdog vents what is vented already
+            link.disarm()
+        if lost or unreached:
+            late = f"its watchdog lets the muscle down, {self.device.watchdog_s} s after the last request"
+            how = late if unreached else "it was let down"
+            raise RigError(
+                f"the device at {link.place} does not answer ({lost or unreached}); {how}; see that the muscles are "
+                "without air before anybody goes on"
+            )
+        return collect_counts(link, taken, link.channels.to_counts(target)[number], reason)
 
     def _linked(self) -> CpxLink:
         if self._link is None:

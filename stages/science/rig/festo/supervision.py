@@ -60,8 +60,7 @@ class Supervisor:
         """Judge the counts (2 M + J,) of all inputs under commands (M,), kPa gauge, at a time of any clock, s."""
         muscles = len(self.exoskeleton.muscles)
         analogue = counts[: 2 * muscles]
-        none = np.isin(analogue, self.counts.none)
-        ended = ~none & ((analogue < self.counts.low) | (analogue >= self.counts.high))
+        none, ended = self.counts.sort_out(analogue)
         lost = np.concatenate([none | ended, np.zeros(len(counts) - 2 * muscles, dtype=bool)])
         told = counts if self._told is None else np.where(lost, self._told, counts)
         self._told = told
