@@ -176,7 +176,7 @@ def calibration(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     for turn in loop.turns:
         loop.take(turn)
     told = ctx.record.collect()
-    fitted = fit_lines(told, loop.turns, loop.rig, cfg.calibration)
+    fitted = loop.fit(told)
     points, lines = fitted[CALIBRATION_POINTS.name], fitted[CALIBRATION_LINES.name]
     for kind in dict.fromkeys(split_name(each)[1] for each in lines["channel"]):
         chosen = lines[[split_name(each)[1] == kind for each in lines["channel"]]]
@@ -193,7 +193,7 @@ def calibration(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
 
 
 class Loop:
-    """The loop over points: what is recorded stays, what is not is asked for."""
+    """The loop over points: what is recorded stays, what is not is asked for, and lines are fitted in the end."""
 
     def __init__(self, settings: CalibrationSettings, ctx: Context):
         self.settings, self.ctx = settings, ctx
@@ -206,7 +206,7 @@ class Loop:
         """Have a point recorded, once more where that was of no use, and what the gauge showed meanwhile."""
         for attempt in range(1, self.settings.attempts + 1):
             part = self.ctx.record.part((turn.point, attempt), partial(self.record, turn, attempt))
-            judged = judge_turn(part, turn, attempt, self.rig, self.settings)
+            judged = self.judge(part, turn, attempt)
             problem = next((each.problem for each in judged.values() if each.problem), "")
             if self.news:
                 counted = ", ".join(
@@ -274,97 +274,77 @@ class Loop:
         asked = read_json(path) if path.exists() else {}
         return (asked.get("point"), asked.get("attempt")) == (turn.point, attempt)
 
-
-def judge_turn(
-    told: dict[str, pd.DataFrame], turn: Turn, attempt: int, rig: FestoCpx, settings: CalibrationSettings
-) -> dict[str, Judged]:
-    """Judge every channel that a recorded point tells about."""
-    samples, turns = (
-        its[(its["point"] == turn.point) & (its["attempt"] == attempt)]
-        for its in (told[CALIBRATION_SAMPLES.name], told[CALIBRATION_TURNS.name])
-    )
-    (how,) = turns.to_dict("records")
-    judged = {}
-    for channel in turn.channels:
-        kind = split_name(channel)[1]
-        counts = samples.loc[samples["channel"] == channel, "count"].to_numpy()
-        if kind == "command":
-            counts = np.full(samples["time_s"].nunique(), how["command_count"])
-        judged[channel] = judge_point(
-            counts, kind, _find_place(rig, channel), rig.device.counts, settings, str(how["stopped"])
+    def judge(self, told: dict[str, pd.DataFrame], turn: Turn, attempt: int) -> dict[str, Judged]:
+        """Judge every channel that a recorded point tells about."""
+        samples, turns = (
+            its[(its["point"] == turn.point) & (its["attempt"] == attempt)]
+            for its in (told[CALIBRATION_SAMPLES.name], told[CALIBRATION_TURNS.name])
         )
-    return judged
+        (how,) = turns.to_dict("records")
+        valid, judged = self.rig.device.counts, {}
+        for channel in turn.channels:
+            kind = split_name(channel)[1]
+            counts = samples.loc[samples["channel"] == channel, "count"].to_numpy()
+            if kind == "command":
+                counts = np.full(samples["time_s"].nunique(), how["command_count"])
+            place = self.find_place(channel)
+            judged[channel] = judge_point(counts, kind, place, valid, self.settings, str(how["stopped"]))
+        return judged
 
+    def find_place(self, channel: str) -> Any:
+        """Return what is configured of a channel of the rig, which the exoskeleton may lack."""
+        owner, kind = split_name(channel)
+        return self.rig.encoders[owner] if kind == "encoder" else getattr(self.rig.channels[owner], kind)
 
-def _find_place(rig: FestoCpx, channel: str) -> Any:
-    """Return what is configured of a channel of the rig, which the exoskeleton may lack."""
-    owner, kind = split_name(channel)
-    return rig.encoders[owner] if kind == "encoder" else getattr(rig.channels[owner], kind)
+    def fit(self, told: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
+        """Return the points, lines and changes of what was recorded."""
+        points, channels = self.list_points(told), self.rig.map_channels()
+        means = average_inputs(told[CALIBRATION_SAMPLES.name], channels)
+        rows, changes, residual = [], [], pd.Series(np.nan, index=points.index)
+        for channel in self.settings.chosen:
+            its, place = points[points["channel"] == channel], self.find_place(channel)
+            at = pd.MultiIndex.from_frame(its[["point", "attempt"]])
+            counted = means.loc[means.index.isin(at)].reindex(at)
+            spread = {name: float(np.nanmedian(counted["spread", name])) for name in channels.names}
+            mean = {name: counted["mean", name].to_numpy() for name in spread}
+            followers = find_followers(channel, its["asked"].to_numpy(), mean, spread, self.settings)
+            line = fit_line(channel, its, place, self.rig.device.counts, self.settings, followers)
+            named = {"channel": channel, "unit": UNITS[split_name(channel)[1]]}
+            rows.append(named | vars(line))
+            changes.append(
+                named
+                | {
+                    "plausible": line.plausible,
+                    "ratio": line.per_count / abs(place.per_count),
+                    "at_zero": place.per_count * (line.zero_count - place.zero_count),
+                    "configured_per_count": abs(place.per_count),
+                    "configured_zero_count": place.zero_count,
+                    "configured_sign": place.sign,
+                }
+            )
+            if line.status == "calibrated":
+                residual[its.index] = line.sign * line.per_count * (its["count"] - line.zero_count) - its["known"]
+        return {
+            CALIBRATION_POINTS.name: points.assign(residual=residual)[list(CALIBRATION_POINTS.columns)],
+            CALIBRATION_LINES.name: pd.DataFrame(rows)[list(CALIBRATION_LINES.columns)],
+            CALIBRATION_CHANGES.name: pd.DataFrame(changes),
+        }
 
-
-def fit_lines(
-    told: dict[str, pd.DataFrame], turns: list[Turn], rig: FestoCpx, settings: CalibrationSettings
-) -> dict[str, pd.DataFrame]:
-    """Return the points, lines and changes of what was recorded."""
-    points, channels = list_points(told, turns, rig, settings), rig.map_channels()
-    means = average_inputs(told[CALIBRATION_SAMPLES.name], channels)
-    rows, changes, residual = [], [], pd.Series(np.nan, index=points.index)
-    for channel in settings.chosen:
-        its, place = points[points["channel"] == channel], _find_place(rig, channel)
-        at = pd.MultiIndex.from_frame(its[["point", "attempt"]])
-        counted = means.loc[means.index.isin(at)].reindex(at)
-        spread = {name: float(np.nanmedian(counted["spread", name])) for name in channels.names}
-        mean = {name: counted["mean", name].to_numpy() for name in spread}
-        line = fit_line(
-            channel,
-            its["known"].to_numpy(),
-            its["count"].to_numpy(),
-            its["spread_count"].to_numpy(),
-            list(its["problem"]),
-            place,
-            rig.device.counts,
-            settings,
-            find_followers(channel, its["asked"].to_numpy(), mean, spread, settings),
-        )
-        named = {"channel": channel, "unit": UNITS[split_name(channel)[1]]}
-        rows.append(named | vars(line))
-        changes.append(
-            named
-            | {
-                "plausible": line.plausible,
-                "ratio": line.per_count / abs(place.per_count),
-                "at_zero": place.per_count * (line.zero_count - place.zero_count),
-                "configured_per_count": abs(place.per_count),
-                "configured_zero_count": place.zero_count,
-                "configured_sign": place.sign,
-            }
-        )
-        if line.status == "calibrated":
-            residual[its.index] = line.sign * line.per_count * (its["count"] - line.zero_count) - its["known"]
-    return {
-        CALIBRATION_POINTS.name: points.assign(residual=residual)[list(CALIBRATION_POINTS.columns)],
-        CALIBRATION_LINES.name: pd.DataFrame(rows)[list(CALIBRATION_LINES.columns)],
-        CALIBRATION_CHANGES.name: pd.DataFrame(changes),
-    }
-
-
-def list_points(
-    told: dict[str, pd.DataFrame], turns: list[Turn], rig: FestoCpx, settings: CalibrationSettings
-) -> pd.DataFrame:
-    """Return the rows of `calibration_points` but for their residuals."""
-    gauge = told[CALIBRATION_READINGS.name].set_index(["point", "attempt"])["gauge_kpa"]
-    attempts = told[CALIBRATION_TURNS.name].groupby("point")["attempt"].max()
-    rows = []
-    for turn in turns:
-        for attempt in range(1, int(attempts[turn.point]) + 1):
-            known = float(gauge.get((turn.point, attempt), np.nan)) if turn.held else turn.value
-            for channel, judged in judge_turn(told, turn, attempt, rig, settings).items():
-                row = {"point": turn.point, "attempt": attempt, "channel": channel, "unit": turn.unit}
-                row |= {"asked": turn.value, "known": known, **vars(judged)}
-                if not judged.problem and split_name(channel)[1] == "command" and known <= 0.0:
-                    row["problem"] = f"the gauge showed {known:g} kPa: the regulator is at its end, or another's"
-                rows.append(row)
-    return pd.DataFrame(rows)
+    def list_points(self, told: dict[str, pd.DataFrame]) -> pd.DataFrame:
+        """Return the rows of `calibration_points` but for their residuals."""
+        gauge = told[CALIBRATION_READINGS.name].set_index(["point", "attempt"])["gauge_kpa"]
+        attempts = told[CALIBRATION_TURNS.name].groupby("point")["attempt"].max()
+        rows = []
+        for turn in self.turns:
+            for attempt in range(1, int(attempts[turn.point]) + 1):
+                known = float(gauge.get((turn.point, attempt), np.nan)) if turn.held else turn.value
+                for channel, judged in self.judge(told, turn, attempt).items():
+                    row = {"point": turn.point, "attempt": attempt, "channel": channel, "unit": turn.unit}
+                    row |= {"asked": turn.value, "known": known, **vars(judged)}
+                    if not judged.problem and split_name(channel)[1] == "command" and known <= 0.0:
+                        row["problem"] = f"the gauge showed {known:g} kPa: the regulator is at its end, or another's"
+                    rows.append(row)
+        return pd.DataFrame(rows)
 
 
 def average_inputs(samples: pd.DataFrame, channels: ChannelMap) -> pd.DataFrame:

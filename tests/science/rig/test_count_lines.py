@@ -1,6 +1,7 @@
 """Lines through known points, and the refusal of points that determine none; nothing is recorded here."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from omegaconf import OmegaConf
 
@@ -18,9 +19,9 @@ ENCODER = EncoderPlace(module=4, rad_per_count=6.283e-4, zero_count=0.0, sign=1)
 
 
 def fit(known, count, problems=None, channel="pam1.force", place=CELL, followers=()):
-    known, count = np.array(known, dtype=float), np.array(count, dtype=float)
-    spread = np.full(len(known), 2.0)
-    return fit_line(channel, known, count, spread, problems or [""] * len(known), place, VALID, SETTINGS, followers)
+    told = {"known": np.array(known, dtype=float), "count": np.array(count, dtype=float), "spread_count": 2.0}
+    points = pd.DataFrame(told | {"problem": problems or ""})
+    return fit_line(channel, points, place, VALID, SETTINGS, followers)
 
 
 def test_a_line_is_the_inverse_of_what_the_channel_does(generator):

@@ -8,6 +8,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import pandas as pd
 
 from stages.science.rig.festo.channels import COUNTER_SPAN, CountRange, Place
 from stages.science.rig.festo.known_points import UNITS, CalibrationSettings, split_name
@@ -91,30 +92,28 @@ class Line:
 
 def fit_line(
     channel: str,
-    known: Array,
-    count: Array,
-    spread_count: Array,
-    problems: Sequence[str],
+    points: pd.DataFrame,
     place: Place,
     valid: CountRange,
     settings: CalibrationSettings,
     followers: Sequence[str] = (),
 ) -> Line:
-    """Fit the line of one channel through points (P,), or refuse to.
+    """Fit the line of one channel through points, or refuse to.
 
-    Known values are in the channel's unit; beside them stand mean and spread of the counts at them, and what makes a
-    point useless, empty where it is of use. Followers are as of `find_followers`.
+    The points are rows of the table `calibration_points`: known values in the channel's unit, mean and spread of the
+    counts at them, and what makes a point useless, empty where it is of use. Followers are as of `find_followers`.
     """
-    unit, tolerance = UNITS[split_name(channel)[1]], settings.residual.of(split_name(channel)[1])
-    used = np.array([not each for each in problems], dtype=bool)
-    value, counts = known[used], count[used]
+    kind = split_name(channel)[1]
+    unit, tolerance = UNITS[kind], settings.residual.of(kind)
+    used = points[points["problem"] == ""]
+    value, counts = used["known"].to_numpy(), used["count"].to_numpy()
     swapped = f"; {' and '.join(followers)} follows them: are cables swapped?" if followers else ""
     if len(np.unique(value)) < 2:
-        useless = [each for each in problems if each]
+        useless = list(points["problem"][points["problem"] != ""])
         why = f", as {useless[0]}" if useless else ""
-        got = f"expected points of use at two known values at least, got {len(np.unique(value))} of {len(known)}"
+        got = f"expected points of use at two known values at least, got {len(np.unique(value))} of {len(points)}"
         return Line(f"{got}{why}{swapped}", len(value))
-    least = max(LEAST_COUNTS, settings.spacing * float(np.median(spread_count[used])))
+    least = max(LEAST_COUNTS, settings.spacing * float(np.median(used["spread_count"])))
     if np.ptp(counts) < least:
         what = f"the counts are the same at all points ({counts.min():.1f} to {counts.max():.1f})"
         return Line(f"{what}{swapped or '; is the channel dead?'}", len(value))
