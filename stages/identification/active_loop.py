@@ -549,7 +549,7 @@ class Loop:
             MODELS.name: pd.concat(models, ignore_index=True),
             POINTS.name: POINTS.select(pd.concat(points, ignore_index=True)),
         }
-        if rig.attendance is not None:
+        if rig.attendance.attends:
             decision = attempt, described["trajectory"], "keep", rig.attendance.note, ""
             part[DECISIONS.name] = self.describe_decision(trial, *decision)
         return part

@@ -14,7 +14,7 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.participant import Participant
 from stages.science.plant.plant import Plant
 from stages.science.rig import clock
-from stages.science.rig.movement import Movement
+from stages.science.rig.excitation import Movement
 
 OUTPUTS_FROM, INPUTS_FROM = 40003, 45395
 WIDTHS = {"EP": (0, 0), "4AO": (4, 5), "4AI": (0, 5), "1CI": (1, 8)}

@@ -14,7 +14,7 @@ from stages.science.plant.chain import Chain
 from stages.science.plant.participant import embody, intend, nobody, rest
 from stages.science.plant.stepping import Steps
 from stages.science.rig import clock
-from stages.science.rig.movement import move_freely
+from stages.science.rig.excitation import move_freely
 from stages.science.signals.trajectories import Array
 from tests.cpx_e.machine import Faults, Machine
 

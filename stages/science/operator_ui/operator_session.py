@@ -17,7 +17,7 @@ from pydantic import Field, PositiveFloat
 from stages.science.plant.declaration import Declared
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig import clock
-from stages.science.rig.attendance import Moment, StudyPaused, TrialDeclined
+from stages.science.rig.attendance import Attendance, Moment, StudyPaused, TrialDeclined
 from stages.science.rig.contract import RigError
 from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.trajectories import Array
@@ -55,8 +55,10 @@ class Refused(Exception):
     """A decision does not fit what is asked now; the message says what does."""
 
 
-class OperatorSession:
+class OperatorSession(Attendance):
     """Attends the trials of a rig; `drawn` says whether the participant sees them, and can point at postures."""
+
+    attends = True
 
     def __init__(self, settings: OperatorSettings, drawn: bool = True):
         self.settings, self.drawn = settings, drawn

@@ -7,7 +7,7 @@ a trial does not become part of the study.
 from __future__ import annotations
 
 from collections.abc import Callable
-from typing import TYPE_CHECKING, NamedTuple, Protocol, TypeVar
+from typing import TYPE_CHECKING, ClassVar, NamedTuple, TypeVar
 
 from stages.science.signals.trajectories import Array
 
@@ -72,10 +72,12 @@ class Moment(NamedTuple):
     force_n: Array
 
 
-class Attendance(Protocol):
-    """Who sees trials and decides on them; a rig tells it what it does."""
+class Attendance:
+    """Who sees trials and decides on them; a rig tells it what it does. Here it is nobody, who lets all trials pass."""
 
-    note: str
+    attends: ClassVar[bool] = False
+    """Whether it is somebody."""
+    note: str = ""
     """What the operator wrote with the last decisions."""
 
     def describe(self, exoskeleton: Exoskeleton, pointed: bool) -> None:
@@ -83,6 +85,7 @@ class Attendance(Protocol):
 
     def ask_pointer(self) -> Array | None:
         """Return the posture that the participant points at, rad; None before the first. Never waits."""
+        return None
 
     def propose(self, trial: Trial) -> None:
         """Return once the trial may begin.
@@ -101,6 +104,7 @@ class Attendance(Protocol):
 
     def why_stop(self) -> str:
         """Return why somebody wants the trial stopped; empty where nobody does. Never waits."""
+        return ""
 
     def judge(self, trial: Trial, recording: Recording | None, stopped: str) -> None:
         """Return once it is decided that the recording is part of the study; without one, why it was stopped is told.
@@ -113,6 +117,7 @@ class Attendance(Protocol):
 
     def add_display(self, recording: Recording) -> Recording:
         """Return the recording with when its samples were shown."""
+        return recording
 
     def tell(self, problem: str) -> None:
         """Show that the rig ended the trial."""

@@ -60,7 +60,7 @@ class Rig(Declared):
     exoskeleton: Exoskeleton
     participants: dict[str, Participant]
     _connected: bool = PrivateAttr(default=False)
-    _attendance: Attendance | None = PrivateAttr(default=None)
+    _attendance: Attendance = PrivateAttr(default_factory=Attendance)
 
     @model_validator(mode="after")
     def _keep_reserved_names(self) -> Self:
@@ -105,8 +105,8 @@ class Rig(Declared):
         return False
 
     @property
-    def attendance(self) -> Attendance | None:
-        """Who sees its trials and decides on them, if somebody does."""
+    def attendance(self) -> Attendance:
+        """Who sees its trials and decides on them; nobody by default."""
         return self._attendance
 
     def connect_interface(self, attendance: Attendance) -> None:
@@ -184,18 +184,15 @@ class Rig(Declared):
             raise RigError(f"{type(self).__name__} is not connected; write: with rig: rig.execute(trial, generator)")
         try:
             self.check(trial)
-            if self.attendance is None:
-                return self.run(trial, generator, watch)
-            return self._attend(self.attendance, trial, generator, watch)
+            return self._attend(trial, generator, watch)
         except TrialDeclined:
             raise
         except BaseException as error:
             _release_after(self, error)
             raise
 
-    def _attend(
-        self, attendance: Attendance, trial: Trial, generator: np.random.Generator, watch: Watch | None
-    ) -> Recording:
+    def _attend(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
+        attendance = self.attendance
         attendance.propose(trial)
         try:
             recording = self.run(trial, generator, watch)

@@ -7,7 +7,6 @@ milliseconds, as the limits on the rate alone would permit.
 import numpy as np
 from pydantic import Field
 
-from stages.science.rig.attendance import Moment
 from stages.science.rig.contract import LONGEST_LEAD_IN_S, Rig
 from stages.science.rig.limits import Limits
 from stages.science.signals.trajectories import Array
@@ -45,10 +44,3 @@ class FillingRig(Rig):
     @property
     def _lead_samples(self) -> int:
         return round(self.lead_in_s * self.sampling_rate_hz)
-
-    def _why_stop(self) -> str:
-        return self.attendance.why_stop() if self.attendance is not None else ""
-
-    def _show(self, time_s: float, angle: Array, command: Array, pressure: Array, force: Array) -> None:
-        if self.attendance is not None:
-            self.attendance.show(Moment(time_s, angle, command, pressure, force))

@@ -17,10 +17,11 @@ from stages.science.plant.participant import Intention, Participant, Person, emb
 from stages.science.plant.plant import Plant
 from stages.science.plant.stepping import Steps
 from stages.science.rig import clock
+from stages.science.rig.attendance import Moment
 from stages.science.rig.contract import RigError, TrialStopped, Watch, tidy
+from stages.science.rig.excitation import Movement, move_freely
 from stages.science.rig.filling import FillingRig, fill
 from stages.science.rig.limits import apply_limits, check_limits
-from stages.science.rig.movement import Movement, move_freely
 from stages.science.rig.pacing import pace, undisturbed
 from stages.science.rig.sensors import record
 from stages.science.rig.trial import Recording, Trial
@@ -90,7 +91,7 @@ class SimulatedRig(FillingRig):
         RigError
             When a person is to point at postures and there is no page to do so.
         """
-        if self.pointer is not None and self.attendance is None:
+        if self.pointer is not None and not self.attendance.attends:
             raise RigError(f"participant {self.pointer} points at postures on a page: set operator_ui=pages")
         if self.pointer is not None:
             self._warm()
@@ -145,7 +146,7 @@ class SimulatedRig(FillingRig):
         recording = replace(recording, clipped_by=clipped[:taken], late_s=late_s[:taken], status=status)
         if self.realtime and not follows:
             done = self._play(trial, whole, recording)
-        if watch is not None and (self.attendance is not None or done < len(command)):
+        if watch is not None and (self.attendance.attends or done < len(command)):
             watch(tidy(recording.cut(slice(lead + done)), self))
         if done < len(command):
             raise self._stopped(done)
@@ -153,23 +154,22 @@ class SimulatedRig(FillingRig):
 
     def _stopped(self, done: int) -> TrialStopped:
         when = f"{done / self.sampling_rate_hz:.2f} s into the trial"
-        return TrialStopped(f"stopped {when}: {self._why_stop()}", clock.now_s())
+        return TrialStopped(f"stopped {when}: {self.attendance.why_stop()}", clock.now_s())
 
     def _play(self, trial: Trial, command: Array, recording: Recording) -> int:
         """Show a recording at the pace of its clock; return how many samples of the trial were over at a stop."""
         angle, pressure, force = recording.joint_angle_rad, recording.pressure_kpa, recording.force_n
         for index in self._keep_time(trial):
-            self._show(recording.time_s[index], angle[index], command[index], pressure[index], force[index])
-            if self._why_stop():
+            sample = recording.time_s[index], angle[index], command[index], pressure[index], force[index]
+            self.attendance.show(Moment(*sample))
+            if self.attendance.why_stop():
                 return max(index - self._lead_samples, 0)
         return self.samples
 
     def _follow(self, trial: Trial, command: Array) -> tuple[Motion, Array]:
         """Simulate a trial while a person points; return also how late each sample was, s. A stop ends it early."""
-        attendance = self.attendance
-        assert attendance is not None
         lower, upper = np.array([(joint.lower_rad, joint.upper_rad) for joint in self.exoskeleton.joints]).T
-        pointed = attendance.ask_pointer()
+        pointed = self.attendance.ask_pointer()
         if pointed is None:
             pointed = self._middle if trial.reference_rad is None else trial.reference_rad[0]
         angle = np.clip(pointed, lower, upper)
@@ -178,7 +178,7 @@ class SimulatedRig(FillingRig):
         share = 1.0 - math.exp(-1.0 / (self.sampling_rate_hz * POINTER_S))
         begun_s, late_s = clock.now_s(), np.zeros(len(command))
         for index in self._keep_time(trial):
-            newest = attendance.ask_pointer()
+            newest = self.attendance.ask_pointer()
             aim = angle if newest is None else np.clip(newest, lower, upper)
             while steps.at < index:
                 step = share * (aim - angle)
@@ -188,8 +188,8 @@ class SimulatedRig(FillingRig):
                 late_s[steps.at] = max(clock.now_s() - begun_s - steps.at / self.sampling_rate_hz, 0.0)
             at = steps.at
             time_s = (at - self._lead_samples) / self.sampling_rate_hz
-            self._show(time_s, steps.angle[at], command[at], steps.pressure[at], steps.force[at])
-            if attendance.why_stop():
+            self.attendance.show(Moment(time_s, steps.angle[at], command[at], steps.pressure[at], steps.force[at]))
+            if self.attendance.why_stop():
                 break
         return steps.collect(), late_s
 
@@ -199,7 +199,7 @@ class SimulatedRig(FillingRig):
         last = self._lead_samples + self.samples - 1
         with undisturbed():
             for tick in pace(-(-last // every) + 1, every / self.sampling_rate_hz):
-                if tick.index == 0 and self.attendance is not None:
+                if tick.index == 0:
                     self.attendance.begin(trial, tick.due_s + self._lead_samples / self.sampling_rate_hz)
                 yield min(tick.index * every, last)
 

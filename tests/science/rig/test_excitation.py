@@ -8,14 +8,15 @@ from stages.science.rig.contract import tidy
 from stages.science.rig.excitation import (
     Durations,
     FreeMovements,
+    Movement,
     MovementKind,
     Pressure,
     Range,
     check_levels,
     check_ranges,
+    move_freely,
 )
 from stages.science.rig.limits import PressureLimit
-from stages.science.rig.movement import Movement, move_freely
 from stages.science.rig.trial import Trial
 from tests.science.plant.machines import configured, other_machine
 

@@ -2,19 +2,17 @@
 
 import numpy as np
 
-from stages.science.rig.attendance import TrialDeclined
+from stages.science.rig.attendance import Attendance, TrialDeclined
 from stages.science.rig.trial import Trial
 
 
-class Watching:
+class Watching(Attendance):
     """Keeps what is shown; stops a trial and has it repeated, or points at a posture, where that is wanted."""
 
-    note = ""
+    attends = True
 
     def __init__(self, stop_at_s=np.inf, points_at=None):
         self.stop_at_s, self.points_at, self.moments = stop_at_s, points_at, []
-
-    def describe(self, exoskeleton, pointed): ...
 
     def propose(self, trial):
         self.moments = []
@@ -34,11 +32,6 @@ class Watching:
     def judge(self, trial, recording, stopped):
         if stopped:
             raise TrialDeclined("repeat", trial.label, stopped=stopped)
-
-    def add_display(self, recording):
-        return recording
-
-    def tell(self, problem): ...
 
     def collect(self):
         names = ("time_s", "command_kpa", "pressure_kpa")

@@ -19,6 +19,7 @@ from pydantic import PrivateAttr, model_validator
 
 from stages.science.plant.declaration import nearest
 from stages.science.rig import clock
+from stages.science.rig.attendance import Moment
 from stages.science.rig.contract import RigError, TrialStopped, Watch, tidy
 from stages.science.rig.festo.channels import ChannelMap, EncoderPlace, MuscleChannels
 from stages.science.rig.festo.counting import CountRecording, collect_counts, judge_held
@@ -148,7 +149,7 @@ class FestoCpx(FillingRig):
             reason = self._conduct(trial, command, book, signals)
         if reason:
             when = f"{book.time_s:.2f} s into the trial" if book.time_s >= 0 else "while the muscles were being filled"
-            advice = "" if self._why_stop() else "; find out why before anybody goes on"
+            advice = "" if self.attendance.why_stop() else "; find out why before anybody goes on"
             raise TrialStopped(f"stopped {when}: {reason}{advice}", book.noticed_at_s)
         recording = book.collect()
         log.info("%s: %s", trial.label or trial.kind, measure_pace(pd.DataFrame(tidy(recording, self)), []))
@@ -270,11 +271,11 @@ class FestoCpx(FillingRig):
             self.announce(trial)
             link.arm()
             for tick in pace(len(command), 1.0 / self.sampling_rate_hz):
-                if tick.index == 0 and self.attendance is not None:
+                if tick.index == 0:
                     self.attendance.begin(trial, tick.due_s + self.lead_in_s)
                 counts = link.read()
                 late_s = tick.late_s
-                reason = signals.name or self._why_stop() or self._judge_pace(book, tick, late_s)
+                reason = signals.name or self.attendance.why_stop() or self._judge_pace(book, tick, late_s)
                 if reason:
                     break
                 sample = supervisor.look(counts, book.last_command, tick.due_s + late_s)
@@ -299,7 +300,8 @@ class FestoCpx(FillingRig):
         return f"{reason}; the muscles were let down" if reason else ""
 
     def _show_sample(self, book: Logbook, sample: Sample, command_kpa: Array) -> None:
-        self._show(book.time_s, sample.angle_rad, command_kpa, sample.pressure_kpa, sample.force_n)
+        shown = Moment(book.time_s, sample.angle_rad, command_kpa, sample.pressure_kpa, sample.force_n)
+        self.attendance.show(shown)
 
     def _judge_pace(self, book: Logbook, tick: Tick, late_s: float) -> str:
         """Say that the loop slept for so long that the device may have vented meanwhile, or missed too much."""
