@@ -111,22 +111,14 @@ def split_name(channel: str) -> tuple[str, str]:
 
 def list_turns(points: Mapping[str, list[float]]) -> list[Turn]:
     """Return the turns in the order of asking: as listed, but that one gauge serves sensor and regulator."""
-    turns: list[Turn] = []
+    asked: dict[tuple[str, float, int, str], list[str]] = {}
     for name, values in points.items():
         owner, kind = split_name(name)
-        held = owner if kind in ("pressure", "command") else ""
-        for value in values:
-            under = held if value > 0.0 else ""
-            shared = next(
-                (n for n, each in enumerate(turns) if under and each.held == under and each.value == value
-                 and name not in each.channels),
-                None,
-            )  # fmt: skip
-            if shared is None:
-                turns.append(Turn(len(turns) + 1, (name,), value, under))
-            else:
-                turns[shared] = Turn(shared + 1, (*turns[shared].channels, name), value, under)
-    return turns
+        for k, value in enumerate(values):
+            held = owner if kind in ("pressure", "command") and value > 0.0 else ""
+            asked.setdefault((held, value, values[:k].count(value), "" if held else name), []).append(name)
+    keys = enumerate(asked.items(), start=1)
+    return [Turn(number, tuple(names), value, held) for number, ((held, value, *_), names) in keys]
 
 
 def describe_task(turn: Turn, settings: CalibrationSettings) -> str:
