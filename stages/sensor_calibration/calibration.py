@@ -232,12 +232,8 @@ class Loop:
             else:
                 recording = rig.read_counts(settings.record_s)
         self.news = "recorded"
-        where, samples = {"point": turn.point, "attempt": attempt}, len(recording.time_s)
-        counted = {
-            "channel": np.repeat(np.array(recording.names, dtype=object), samples),
-            "time_s": np.tile(recording.time_s, len(recording.names)),
-            "count": recording.counts.T.ravel(),
-        }
+        where = {"point": turn.point, "attempt": attempt}
+        counted = recording.counts.reset_index().melt("time_s", var_name="channel", value_name="count")
         told = {
             "channels": " ".join(turn.channels),
             "value": turn.value,
@@ -245,8 +241,8 @@ class Loop:
             "command_count": np.nan if recording.command_count is None else float(recording.command_count),
             "stopped": recording.stopped,
         }
-        frame, row = pd.DataFrame(where | counted), pd.DataFrame([where | told])
-        return {CALIBRATION_SAMPLES.name: frame, CALIBRATION_TURNS.name: row}
+        samples = counted.assign(**where)[list(CALIBRATION_SAMPLES.columns)]
+        return {CALIBRATION_SAMPLES.name: samples, CALIBRATION_TURNS.name: pd.DataFrame([where | told])}
 
     def read_gauge(self, turn: Turn, attempt: int) -> dict[str, pd.DataFrame]:
         """Read what the gauge showed, or ask for it, and for the next point with it."""

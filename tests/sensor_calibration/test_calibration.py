@@ -173,7 +173,7 @@ def test_a_rig_reads_the_truth_once_it_is_calibrated_and_else_stays_as_configure
         begun_s = emulator.state()["now_s"]
         recording = rig.hold("pam1", 150.0, 0.3, ramp_s=0.2, settle_s=0.4)
         held = [kpa[0] for at, kpa in emulator.state(log=2000)["log"] if at > begun_s]
-    pressure, force, angle = rig.map_channels().to_values(recording.counts.mean(axis=0))
+    pressure, force, angle = rig.map_channels().to_values(recording.counts.mean(axis=0).to_numpy())
     assert max(held) == pytest.approx(150.0, abs=0.1)
     assert pressure[0] == pytest.approx(150.0, abs=0.5)
     assert force[0] == pytest.approx(80.0, abs=0.2)
@@ -241,7 +241,7 @@ def test_a_ceiling_or_a_sensor_at_its_end_lets_the_muscle_down(emulator):
         recording = rig.hold("pam2", 300.0, 0.3, ramp_s=0.2, settle_s=0.4)
         assert emulator.state()["outputs_kpa"][1] == 0.0
     assert recording.stopped == "pam2.pressure cannot tell the pressure (count 32767)"
-    assert len(recording.time_s) == 0
+    assert recording.counts.empty
 
 
 def test_a_point_of_no_use_is_asked_for_again_by_the_same_command(emulator, tmp_path, monkeypatch):

@@ -6,8 +6,8 @@ to zero when no request reaches it for a stated time, so that a dead computer or
 
 import logging
 import struct
-from collections.abc import Iterator
-from contextlib import contextmanager
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
 from typing import Any, Literal, Self
 
 import numpy as np
@@ -27,6 +27,12 @@ SHORTEST_WATCHDOG_S = 0.1
 
 VENTED = 0.9
 """Share of the watchdog's time after which the device is taken to have vented, as it may count from earlier on."""
+
+TRIED_S = 0.15
+"""Time beyond the ramp for which a device is tried to be reached, s: each try keeps its watchdog from acting."""
+
+Look = Callable[[Array, Array], None]
+"""Is handed the counts of all inputs and the command, kPa gauge, at each step on the way down."""
 
 
 class LinkLost(Exception):
@@ -131,10 +137,25 @@ class CpxLink:
             self._cpx.client.close()
         self._cpx = None
 
-    @property
-    def open_now(self) -> bool:
-        """Whether there is a connection."""
-        return self._cpx is not None
+    def let_go(self) -> None:
+        """Vent, let the watchdog rest once that is confirmed, and disconnect.
+
+        Raises
+        ------
+        RigError
+            When the device could not be told.
+        """
+        if self._cpx is None:
+            return  # given up already, so that the watchdog acts
+        try:
+            self.vent()
+            self.disarm()
+        except LinkLost as error:
+            raise RigError(
+                f"{self.place} could not be told to vent ({error}); see that its muscles are without air"
+            ) from None
+        finally:
+            self.close()
 
     def read(self) -> Array:
         """Return the counts of all inputs, in the order of the channel map.
@@ -185,6 +206,35 @@ class CpxLink:
     def vent(self) -> None:
         """Command zero pressure on every muscle."""
         self.write(np.zeros(len(self.channels.commands)))
+
+    def depressurise(self, last_kpa: Array, ramp_s: float, period_s: float, look: Look, problem: str = "") -> str:
+        """Let all muscles down from their last commands (M,), kPa gauge, step by step, with the watchdog armed.
+
+        What is read on the way is looked at. Where there is a problem already, zero is commanded at once, on a
+        connection of its own, and so it is where the device has vented meanwhile. Returned is why it could not be told,
+        the link being closed then, so that its watchdog acts; empty where it confirmed commands of zero.
+        """
+        begun, steps = clock.now_s(), max(round(ramp_s / period_s), 1)
+        if problem:
+            with suppress(LinkLost):
+                self.reopen()
+        while True:
+            passed_s = clock.now_s() - begun
+            vented = self.longest_silence_s > self.device.watchdog_s  # by the watchdog, which a ramp would undo
+            share = 1.0 if vented or problem else min((np.floor(passed_s / period_s) + 1) / steps, 1.0)
+            try:
+                self.write((1.0 - share) * last_kpa)
+                if share == 1.0:
+                    return ""
+                look(self.read(), (1.0 - share) * last_kpa)
+            except LinkLost as error:
+                if problem and clock.now_s() - begun > ramp_s + TRIED_S:
+                    self.close()
+                    return str(error)
+                problem = str(error)
+                with suppress(LinkLost):
+                    self.reopen()
+            clock.sleep(begun + (np.floor(passed_s / period_s) + 1) * period_s - clock.now_s())
 
     def arm(self) -> None:
         """Have the device vent when no request reaches it for its time."""

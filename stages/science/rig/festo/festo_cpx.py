@@ -9,7 +9,7 @@ import contextlib
 import logging
 import socket
 import tempfile
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import Any, ClassVar, Self
 
 import numpy as np
@@ -22,12 +22,10 @@ from stages.science.rig import clock
 from stages.science.rig.attendance import Moment
 from stages.science.rig.contract import RigError, TrialStopped, Watch, tidy
 from stages.science.rig.festo.channels import ChannelMap, EncoderPlace, MuscleChannels
-from stages.science.rig.festo.counting import CountRecording, collect_counts, judge_held
 from stages.science.rig.festo.cpx_link import CpxLink, Device, LinkLost
-from stages.science.rig.festo.depressurise import depressurise
 from stages.science.rig.festo.held_signals import Held, hold_signals
-from stages.science.rig.festo.logbook import Logbook
-from stages.science.rig.festo.supervision import Sample, Supervisor
+from stages.science.rig.festo.logbook import CountRecording, Logbook
+from stages.science.rig.festo.supervision import Sample, Supervisor, judge_held
 from stages.science.rig.filling import FillingRig, fill
 from stages.science.rig.limits import Guard, apply_limits, check_limits, find_forbidden
 from stages.science.rig.pacing import Tick, measure_pace, pace, undisturbed
@@ -101,7 +99,7 @@ class FestoCpx(FillingRig):
         self._connected = False
         try:
             if link is not None:
-                _let_go(link)
+                link.let_go()
         finally:
             if lock is not None:
                 lock.release()
@@ -178,12 +176,12 @@ class FestoCpx(FillingRig):
         link, rate_hz = self._linked(), self.sampling_rate_hz
         ticks = pace(max(round(record_s * rate_hz), 2), 1.0 / rate_hz)
         try:
-            taken = [(tick.index / rate_hz, link.read()) for tick in ticks]
+            taken = {tick.index / rate_hz: link.read() for tick in ticks}
         except LinkLost as error:
             raise RigError(
                 f"the device at {link.place} does not answer ({error}); check its power and its cable"
             ) from None
-        return collect_counts(link, taken)
+        return CountRecording(_tabulate(taken, link))
 
     def hold(
         self, muscle: str, command_kpa: float, record_s: float, *, ramp_s: float, settle_s: float
@@ -217,7 +215,7 @@ class FestoCpx(FillingRig):
         ramp_s = max(ramp_s, command_kpa / limit.slew_kpa_per_s)
         rise, first = max(round(ramp_s * rate_hz), 1), round((ramp_s + settle_s) * rate_hz)
         target = np.where(np.arange(len(kinds)) == number, command_kpa, 0.0)
-        taken: list[tuple[float, Array]] = []
+        taken: dict[float, Array] = {}
         reason, lost, share = "", "", 0.0
         with hold_signals() as signals:
             try:
@@ -228,18 +226,18 @@ class FestoCpx(FillingRig):
                         reason = f"the loop came {1e3 * silent_s:.0f} ms late (half the watchdog's time is borne)"
                         break
                     counts = link.read()
-                    reason = signals.name or judge_held(link, counts, ceilings, number)
+                    reason = signals.name or judge_held(link.channels, self.device.counts, ceilings, number, counts)
                     if reason:
                         break
                     share = min((tick.index + 1) / rise, 1.0)
                     link.write(share * target)
                     if tick.index >= first:
-                        taken.append(((tick.index - first) * period_s, counts))
+                        taken[(tick.index - first) * period_s] = counts
             except LinkLost as error:
                 lost = str(error)
             finally:
                 down_s = min(ramp_s * share, self.guard.ramp_down_s if reason else np.inf)
-                unreached = depressurise(link, share * target, max(down_s, period_s), period_s, lambda *_: None, lost)
+                unreached = link.depressurise(share * target, max(down_s, period_s), period_s, lambda *_: None, lost)
         with contextlib.suppress(LinkLost):  # an armed watchdog vents what is vented already
             link.disarm()
         if lost or unreached:
@@ -249,7 +247,7 @@ class FestoCpx(FillingRig):
                 f"the device at {link.place} does not answer ({lost or unreached}); {how}; see that the muscles are "
                 "without air before anybody goes on"
             )
-        return collect_counts(link, taken, link.channels.to_counts(target)[number], reason)
+        return CountRecording(_tabulate(taken, link), link.channels.to_counts(target)[number], reason)
 
     def _linked(self) -> CpxLink:
         if self._link is None:
@@ -325,7 +323,7 @@ class FestoCpx(FillingRig):
             self._show_sample(book, sample, command_kpa)
 
         period_s = 1.0 / self.sampling_rate_hz
-        problem = depressurise(link, book.last_command, self.guard.ramp_down_s, period_s, look, broken)
+        problem = link.depressurise(book.last_command, self.guard.ramp_down_s, period_s, look, broken)
         if problem:
             return (
                 f"the muscles could not be let down ({problem}): the watchdog does, {self.device.watchdog_s} s after "
@@ -355,6 +353,11 @@ class FestoCpx(FillingRig):
                     "(rig.guard.vented_kpa)"
                 )
             clock.sleep(1.0 / self.sampling_rate_hz)
+
+
+def _tabulate(taken: Mapping[float, Array], link: CpxLink) -> pd.DataFrame:
+    at_s = pd.Index(taken, dtype=float, name="time_s")
+    return pd.DataFrame(list(taken.values()), at_s, link.channels.names, dtype=float)
 
 
 def _take(device: Device) -> FileLock:
@@ -389,18 +392,3 @@ def _find_lock_folder() -> str:
             return LOCK_FOLDER
     except OSError:
         return tempfile.gettempdir()
-
-
-def _let_go(link: CpxLink) -> None:
-    """Vent, let the watchdog rest once that is confirmed, and disconnect."""
-    if not link.open_now:
-        return  # given up already, so that the watchdog acts
-    try:
-        link.vent()
-        link.disarm()
-    except LinkLost as error:
-        raise RigError(
-            f"{link.place} could not be told to vent ({error}); see that its muscles are without air"
-        ) from None
-    finally:
-        link.close()

@@ -1,12 +1,13 @@
-"""What a trial measured, sample by sample, while it runs.
+"""What a trial measured, sample by sample, while it runs, and what a device counted where there is no trial.
 
 Samples flow in as they are taken; rows flow out to whoever watches, and in the end the whole trial.
 """
 
-from dataclasses import replace
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
+import pandas as pd
 from numpy.typing import NDArray
 
 from stages.science.rig import clock
@@ -112,3 +113,14 @@ class Logbook:
         self.count += 1
         if self.count - self._handed_over >= HANDED_OVER:
             self.hand_over()
+
+
+@dataclass(frozen=True, eq=False)
+class CountRecording:
+    """Raw counts over time, as the device tells them: a column for each input, indexed by ``time_s``."""
+
+    counts: pd.DataFrame
+    command_count: int | None = None
+    """What was written to the regulator of the muscle that was held."""
+    stopped: str = ""
+    """Why the muscle was let down before the time was over; empty where it was held throughout."""

@@ -4,13 +4,14 @@ Counts and values flow in, sample after sample; out flow a status for each muscl
 """
 
 from collections import deque
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 
 from stages.science.rig.festo.channels import ChannelMap, CountRange
-from stages.science.rig.limits import Guard, speed_samples
+from stages.science.rig.limits import Ceiling, Guard, speed_samples
 from stages.science.signals.trajectories import Array
 
 AWAKE = 0.02
@@ -150,3 +151,17 @@ def _either(amiss: NDArray[np.bool_]) -> NDArray[np.bool_]:
     """Return at which muscles the pressure sensor or the load cell is amiss."""
     pressure, force = np.split(amiss, 2)
     return pressure | force
+
+
+def judge_held(channels: ChannelMap, valid: CountRange, ceilings: Sequence[Ceiling], muscle: int, counts: Array) -> str:
+    """Return why a held muscle is let down at once; a channel of another one at its end says nothing about it."""
+    pressure, force, _ = channels.to_values(counts)
+    values, analogue = np.concatenate([pressure, force]), counts[: 2 * len(ceilings)]
+    largest = np.array([each.pressure_kpa for each in ceilings] + [each.force_n for each in ceilings])
+    told = ~np.logical_or(*valid.sort_out(analogue))
+    over = np.flatnonzero(told & (values > largest))
+    if over.size:
+        first = int(over[0])
+        unit = "kPa" if first < len(ceilings) else "N"
+        return f"{channels.names[first]} at {values[first]:.0f} {unit}, ceiling {largest[first]} {unit}"
+    return "" if told[muscle] else f"{channels.names[muscle]} cannot tell the pressure (count {analogue[muscle]:.0f})"
