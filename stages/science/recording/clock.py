@@ -81,12 +81,9 @@ def regularise(
     sample = whole.groupby([frame[name] for name in stream], sort=False).cumsum().astype(np.int64)
     frame = frame.drop(columns="time_s").assign(sample=sample)
     lengths = frame.groupby(group, sort=False)["sample"].max() + 1
-    grid = pd.concat(
-        [pd.DataFrame({group: key, "sample": np.arange(count)}) for key, count in lengths.items()], ignore_index=True
-    )
+    grid = lengths.map(np.arange).reset_index()
     if member:
-        grid = frame[list(member)].drop_duplicates().merge(grid, how="cross")
+        grid = grid.merge(frame[list(member)].drop_duplicates(), how="cross")
+    grid = grid.explode("sample", ignore_index=True).astype({"sample": np.int64})
     filled = grid.merge(frame, how="left", on=[*stream, "sample"], sort=False)
-    order = filled[group].map({key: index for index, key in enumerate(lengths.index)})
-    filled = filled.iloc[np.argsort(order.to_numpy(), kind="stable")].reset_index(drop=True)
     return filled.assign(time_s=filled.pop("sample") / rate_hz), starts
