@@ -27,7 +27,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import list_signals
-from stages.science.recording.assembly import Notes, note_missing
+from stages.science.recording.assembly import READINGS, Notes, note_missing
 from stages.science.recording.blocks import arrange_records, list_blocks, split_records
 from stages.science.recording.clock import count_time
 from stages.science.recording.column_map import ColumnMap, is_one_trial, join_parts
@@ -39,7 +39,6 @@ from stages.science.recording.headings import read_heading
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
 from stages.science.recording.plausibility import check_readings, check_signals
 from stages.science.recording.sources import (
-    READINGS,
     SAMPLE_KEY,
     Measurement,
     Source,

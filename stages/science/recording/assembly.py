@@ -10,6 +10,7 @@ from difflib import get_close_matches
 import numpy as np
 import pandas as pd
 
+from stages.science.plant.exoskeleton import VelocityFilter
 from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.signals.filtering import differentiate, window_length
 from stages.science.signals.trajectories import Array
@@ -17,6 +18,16 @@ from stages.science.signals.trajectories import Array
 Notes = list[tuple[str, str]]
 """What a note is about, and the note."""
 
+READINGS = (
+    "pressure_command_kpa",
+    "pressure_kpa",
+    "contraction",
+    "contraction_velocity_per_s",
+    "force_n",
+    "joint_angle_rad",
+    "joint_velocity_rad_per_s",
+)
+"""What is measured in a sample."""
 INDISPENSABLE = ("pressure_kpa", "force_n")
 """Readings without which a muscle tells nothing."""
 
@@ -82,19 +93,12 @@ def read_parts(samples: pd.DataFrame, without: str) -> pd.Series:
 
 
 def complete(
-    samples: pd.DataFrame,
-    muscles: pd.DataFrame,
-    readings: Sequence[str],
-    rate_hz: float,
-    window_s: float,
-    order: int,
-    notes: Notes,
+    samples: pd.DataFrame, muscles: pd.DataFrame, rate_hz: float, window: VelocityFilter, notes: Notes
 ) -> pd.DataFrame:
     """Return the samples with all readings, derived where that is possible and empty where it is not.
 
-    The samples are on a uniform clock, the muscles under `MUSCLE_COLUMNS`; rate, window and order are those of
-    `differentiate`. The notes receive what was derived or is missing; a `RecordingError` tells that there is neither
-    contraction nor an angle.
+    The samples are on a uniform clock, the muscles under `MUSCLE_COLUMNS`; velocities are derived in the window. The
+    notes receive what was derived or is missing; a `RecordingError` tells that there is neither contraction nor angle.
     """
     if "contraction" not in samples:
         if "joint_angle_rad" not in samples:
@@ -108,28 +112,26 @@ def complete(
         samples = samples.assign(contraction=own["contraction_at_angle_0"].to_numpy() + per_rad * angle)
         notes.append(("contraction", "derived from joint_angle_rad by a constant moment arm"))
     if "contraction_velocity_per_s" not in samples:
-        velocity = derive_velocity(samples, "contraction", ["trial", "muscle"], rate_hz, window_s, order)
+        velocity = derive_velocity(samples, "contraction", ["trial", "muscle"], rate_hz, window)
         samples = samples.assign(contraction_velocity_per_s=velocity)
         notes.append(("contraction_velocity_per_s", "derived from contraction, filtered"))
     if "pressure_command_kpa" not in samples or samples["pressure_command_kpa"].isna().all():
         notes.append(("pressure_command_kpa", "missing: how pressure follows its command cannot be judged"))
-    return samples.assign(**{name: np.nan for name in readings if name not in samples})
+    return samples.assign(**{name: np.nan for name in READINGS if name not in samples})
 
 
-def derive_velocity(
-    frame: pd.DataFrame, name: str, stream: list[str], rate_hz: float, window_s: float, order: int
-) -> Array:
+def derive_velocity(frame: pd.DataFrame, name: str, stream: list[str], rate_hz: float, window: VelocityFilter) -> Array:
     """Return the filtered derivative of a column, per s, in each unbroken stretch of each stream of a uniform clock.
 
-    Rate, window and order are those of `differentiate`; a stretch shorter than the window has no derivative.
+    It is that of `differentiate`; a stretch shorter than the window has none.
     """
     values = frame[name].to_numpy(dtype=float)
     velocity = np.full(len(values), np.nan)
-    shortest = window_length(rate_hz, window_s, order)
+    shortest = window_length(rate_hz, window.window_s, window.order)
     number = frame.groupby(stream, sort=False).ngroup().to_numpy()
     for rows in np.split(np.argsort(number, kind="stable"), np.cumsum(np.bincount(number))[:-1]):
         for present in np.ma.flatnotmasked_contiguous(np.ma.masked_invalid(values[rows])):
             stretch = rows[present]
             if len(stretch) >= shortest:
-                velocity[stretch] = differentiate(values[stretch], rate_hz, window_s, order)
+                velocity[stretch] = differentiate(values[stretch], rate_hz, window.window_s, window.order)
     return velocity

@@ -13,7 +13,7 @@ from pydantic import Field
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.recording.assembly import Notes, choose_muscles, complete, note_missing, read_parts
+from stages.science.recording.assembly import READINGS, Notes, choose_muscles, complete, note_missing, read_parts
 from stages.science.recording.blocks import PROPOSED, WHOLE
 from stages.science.recording.clock import find_rate, regularise
 from stages.science.recording.datasets import SESSION_COLUMNS, find_starts, list_trials
@@ -22,16 +22,6 @@ from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_m
 from stages.science.signals.executed_trials import join_executed
 
 SAMPLE_KEY = ("trial", "muscle", "time_s")
-READINGS = (
-    "pressure_command_kpa",
-    "pressure_kpa",
-    "contraction",
-    "contraction_velocity_per_s",
-    "force_n",
-    "joint_angle_rad",
-    "joint_velocity_rad_per_s",
-)
-"""What is measured in a sample."""
 HELD = "command held until the next sample; sensors sample before the command acts"
 """Timing of every rig."""
 
@@ -128,8 +118,7 @@ def tabulate(source: Source, machine: Exoskeleton, largest_jitter: float) -> tup
     lost = samples.groupby("trial", sort=False).size() - recorded
     told = "of its rows were missing: samples without values"
     notes.extend((f"trial {trial}", f"{count} {told}") for trial, count in lost.items() if count)
-    window = machine.velocity_filter
-    samples = complete(samples, muscles, READINGS, rate, window.window_s, window.order, notes)
+    samples = complete(samples, muscles, rate, machine.velocity_filter, notes)
     trials = list_trials(samples, rate).assign(part=parts.to_numpy(), start_s=find_starts(source.session, starts))
     row = (source.name, "muscles", rate, source.load_cell_site, source.timing, len(trials), len(muscles))
     session = pd.DataFrame([row], columns=SESSION_COLUMNS)

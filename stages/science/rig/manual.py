@@ -15,7 +15,7 @@ import pandas as pd
 from pydantic import field_validator
 
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, Rig, RigError, Watch
-from stages.science.rig.rows import assume_conduct, check_values, gather
+from stages.science.rig.reference import assume_conduct, check_values, gather
 from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.lead_in import leave_out_lead_in
 

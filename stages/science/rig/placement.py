@@ -9,13 +9,12 @@ import math
 import numpy as np
 import pandas as pd
 
+from stages.science.recording.assembly import READINGS
 from stages.science.recording.clock import SAME_RATE, find_rate, regularise
 from stages.science.recording.columns import RecordingError, name_rows
-from stages.science.rig.contract import MEASUREMENT_COLUMNS
-from stages.science.rig.rows import PUNCTUAL
+from stages.science.rig.reference import PUNCTUAL
 from stages.science.signals.trajectories import Array
 
-READINGS = tuple(MEASUREMENT_COLUMNS)[2:]
 HELD = ("pressure_command_kpa", *PUNCTUAL)
 """Columns whose values hold until the next sample."""
 A_ROUNDING = 1e-6

@@ -17,7 +17,7 @@ from pydantic import BeforeValidator, Field, PrivateAttr, model_validator
 
 from pipeline.inputs import InputPath
 from stages.science.plant.declaration import Declared, nearest
-from stages.science.recording.assembly import complete, derive_velocity
+from stages.science.recording.assembly import READINGS, complete, derive_velocity
 from stages.science.recording.clock import count_time
 from stages.science.recording.column_map import ColumnMap, is_wide
 from stages.science.recording.columns import RecordingError, check_rows
@@ -26,9 +26,8 @@ from stages.science.recording.files.readers import TABLE_SUFFIXES, FileError, re
 from stages.science.recording.muscles import describe_muscles
 from stages.science.recording.plausibility import check_readings
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, Rig, RigError, Watch
-from stages.science.rig.placement import READINGS, keep, resample
-from stages.science.rig.reference import arrange
-from stages.science.rig.rows import PUNCTUAL, assume_conduct, check_values, gather
+from stages.science.rig.placement import keep, resample
+from stages.science.rig.reference import PUNCTUAL, arrange, assume_conduct, check_values, gather
 from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.trajectories import Array
@@ -206,12 +205,11 @@ class ReplayRig(Rig):
         check_rows(rows, ("trial", "muscle", "time_s"))
         size = self.sampling_rate_hz, self.samples
         placed = resample(rows, *size, self.largest_gap_s) if self.resample else keep(rows, *size, self.largest_jitter)
-        window = self.exoskeleton.velocity_filter
-        filtering = self.sampling_rate_hz, window.window_s, window.order
+        filtering = self.sampling_rate_hz, self.exoskeleton.velocity_filter
         if "joint_velocity_rad_per_s" not in placed:
             derived = derive_velocity(placed, "joint_angle_rad", ["muscle"], *filtering)
             placed = placed.assign(joint_velocity_rad_per_s=derived)
-        return complete(placed, muscles, READINGS, *filtering, [])
+        return complete(placed, muscles, *filtering, [])
 
     def _gather(self, placed: dict[str, pd.DataFrame], file: Path) -> list[Recorded]:
         """Return the recordings of trials, checked together, which is as quick as one."""
