@@ -13,7 +13,7 @@ import pandas as pd
 from stages.science.recording.clock import find_rate
 from stages.science.recording.columns import TIME, RecordingError, adopt
 from stages.science.recording.dates import is_dates
-from stages.science.recording.files.readers import Header
+from stages.science.recording.files.delimited import Header
 from stages.science.recording.guessing import Guess, Key, choose_machine, guess_map, pair_parts
 from stages.science.recording.headings import read_heading
 from stages.science.recording.labels import list_labels, restarts, stays

@@ -1,6 +1,6 @@
 """Text files of numbers as loggers write them: separators, decimal commas, preambles, units, rows that are no numbers.
 
-A path flows in; a `TextTable` flows out: its columns, and what is out of the ordinary about it. A `ValueError` says
+A path flows in; the columns flow out, and a `Header` with what is out of the ordinary about them. A `ValueError` says
 what to change. Lines count from 1, as in an editor.
 """
 
@@ -56,17 +56,18 @@ FACT = re.compile(rf"[^A-Za-z]*([A-Za-z][^:=\t;,]*?)\"?\s*[:=\t;,]+\s*\"?({NUMBE
 
 
 @dataclass(frozen=True)
-class TextTable:
-    """A table of a text file: its columns, units of a row of their own, single numbers above it.
+class Header:
+    """What a file says of its columns: their names, units from a row of their own, and numbers that stand alone.
 
-    `remarks` tell how it is read where that is out of the ordinary, `dropped` which rows are left out.
+    Remarks tell how it is read, where that is out of the ordinary, and what cannot be read; `dropped` which rows of it
+    are left out.
     """
 
-    columns: pd.DataFrame
+    names: Sequence[str]
     units: Mapping[str, str]
     single: Mapping[str, float]
-    remarks: tuple[str, ...]
-    dropped: tuple[str, ...]
+    remarks: Sequence[str]
+    dropped: Sequence[str] = ()
 
 
 @dataclass(frozen=True)
@@ -91,7 +92,7 @@ class _Column:
         return found.pop() if len(found) == 1 else ""
 
 
-def read_delimited(path: Path) -> TextTable:
+def read_delimited(path: Path) -> tuple[pd.DataFrame, Header]:
     """Return the table of a text file: the rows of numbers of one width, and what heads their columns."""
     text, encoding = _decode(path)
     lines = text.splitlines()
@@ -122,7 +123,7 @@ def read_delimited(path: Path) -> TextTable:
     }
     said = tuple(each for each, holds in remarks.items() if holds)
     single = _list_facts(lines[: first - (len(names) > 0)])
-    return TextTable(frame, {name: unit for name, unit in own.items() if unit}, single, said, dropped)
+    return frame, Header(list(told.values()), {name: unit for name, unit in own.items() if unit}, single, said, dropped)
 
 
 def _decode(path: Path) -> tuple[str, str]:

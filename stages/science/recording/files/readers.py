@@ -4,9 +4,8 @@ A path flows in, columns under their own names flow out.
 A file that is none of these, or cannot be read, is refused in one line.
 """
 
-from collections.abc import Collection, Iterator, Mapping, Sequence
+from collections.abc import Collection, Iterator
 from contextlib import contextmanager
-from dataclasses import dataclass
 from functools import lru_cache
 from pathlib import Path
 
@@ -14,7 +13,7 @@ import pandas as pd
 import pyarrow.parquet
 
 from stages.science.recording.files.bags import is_bag, read_bag
-from stages.science.recording.files.delimited import PACKED, TextTable, read_delimited
+from stages.science.recording.files.delimited import PACKED, Header, read_delimited
 from stages.science.recording.files.matlab import Variables, Vector, read_variables
 
 TEXT_SUFFIXES = (".csv", ".tsv", ".txt", ".dat", ".asc", ".log", ".lvm")
@@ -32,21 +31,6 @@ class UnequalColumns(FileError):
     """Columns that are wanted together differ in length."""
 
 
-@dataclass(frozen=True)
-class Header:
-    """What a file says of its columns: their names, units from a row of their own, and numbers that stand alone.
-
-    Remarks tell how it is read, where that is out of the ordinary, and what cannot be read; `dropped` which rows of it
-    are left out.
-    """
-
-    names: Sequence[str]
-    units: Mapping[str, str]
-    single: Mapping[str, float]
-    remarks: Sequence[str]
-    dropped: Sequence[str] = ()
-
-
 def read_header(path: Path) -> Header:
     """Return what a file that others wrote says of its columns; raises as `read_samples`."""
     with _explained(path):
@@ -61,8 +45,7 @@ def read_header(path: Path) -> Header:
             found = read_variables(path)
             left = [f"{name} is left alone: {why}" for name, why in found.left.items()]
             return Header(list(found.vectors), {}, found.single, left)
-        table = _read_text(path)
-        return Header(list(map(str, table.columns)), table.units, table.single, table.remarks, table.dropped)
+        return _read_text(path)[1]
 
 
 def read_samples(path: Path, names: Collection[str] | None = None) -> pd.DataFrame:
@@ -92,7 +75,7 @@ def read_samples(path: Path, names: Collection[str] | None = None) -> pd.DataFra
             frame: pd.DataFrame = pd.read_parquet(path)
             frame = frame.reset_index(drop=frame.index.names == [None])
             return frame if names is None else frame[[each for each in frame if each in names]]
-        table = _read_text(path).columns
+        table, _ = _read_text(path)
         return table[[each for each in table if names is None or each in names]]
 
 
@@ -123,13 +106,13 @@ def _native(values: Vector) -> Vector:
     return values.astype(values.dtype.newbyteorder("="))
 
 
-def _read_text(path: Path) -> TextTable:
+def _read_text(path: Path) -> tuple[pd.DataFrame, Header]:
     state = path.stat()
     return _read_text_of(path, state.st_mtime_ns, state.st_size)
 
 
 @lru_cache(maxsize=KEPT)
-def _read_text_of(path: Path, changed_ns: int, size: int) -> TextTable:
+def _read_text_of(path: Path, changed_ns: int, size: int) -> tuple[pd.DataFrame, Header]:
     return read_delimited(path)
 
 
