@@ -9,13 +9,10 @@ def join_executed(initial: pd.DataFrame, designed: pd.DataFrame | None) -> pd.Da
     Rows are those of `hardware_recordings`, and of `active_recordings` where there are some: of these, the trials of
     the first arm, which is the design's. Other columns that the two do not share are left out.
     """
-    parts = [(initial, ["participant", "experiment", "position"])]
+    trials = initial.groupby(["participant", "experiment", "position"], sort=False).ngroup()
+    frames = [initial.assign(trial=trials)]
     if designed is not None and len(designed):
         own = designed[designed["arm"] == designed["arm"].iloc[0]]
-        parts.append((own, ["participant", "experiment", "trial"]))
-    frames: list[pd.DataFrame] = []
-    for rows, keys in parts:
-        before = frames[-1]["trial"].max() + 1 if frames else 0
-        frames.append(rows.assign(trial=before + rows.groupby(keys, sort=False).ngroup()))
-    shared = [name for name in frames[0] if all(name in each for each in frames)]
-    return pd.concat([each[shared] for each in frames], ignore_index=True)
+        further = own.groupby(["participant", "experiment", "trial"], sort=False).ngroup()
+        frames.append(own.assign(trial=trials.max() + 1 + further))
+    return pd.concat(frames, join="inner", ignore_index=True)
