@@ -73,9 +73,7 @@ def equalise(
 
 def _find_ratio(ratio: float, samples: int, largest_drift: float) -> Fraction:
     """Return the simplest fraction that leaves the last sample in its place."""
-    most = 1
-    while most < MOST_SAMPLES_TO_ONE:
-        most *= 10
+    for most in (10, 100, 1000, MOST_SAMPLES_TO_ONE):
         simple = Fraction(ratio).limit_denominator(most)
         if simple > 0 and abs(float(simple) - ratio) * samples <= max(largest_drift, 1e-9):
             break
