@@ -78,11 +78,6 @@ class MovementKind(Declared):
     pressures: Pattern = Field(description="how muscles' pressures vary")
     instruction: str = Field(min_length=1, description="what the experimenter is told")
 
-    @property
-    def manner(self) -> Manner:
-        """How the experimenter moves."""
-        return Manner(self.range_ratio, self.duration_ratio, self.rest_ratio)
-
     def shape(self, command_kpa: Array, ranges: Sequence[Range], agonists: Sequence[bool]) -> Array:
         """Return a command (T, M) in this kind's pattern, from one that varies by itself in each muscle's range.
 
@@ -172,7 +167,8 @@ class FreeMovements(Declared):
         ranges = [self.pressure.range_kpa[each.name] for each in muscles]
         agonists = [each.role == "agonist" for each in muscles]
         command = kind.shape(self.pressure.draw(rig, generator), ranges, agonists)
-        trial = Trial("free", "experimenter", command, None, label, number, proposal, kind.manner)
+        manner = Manner(kind.range_ratio, kind.duration_ratio, kind.rest_ratio)
+        trial = Trial("free", "experimenter", command, None, label, number, proposal, manner)
         columns = tidy(rig.execute(trial, generator, watch), rig)
         return {"trajectory": np.full(len(columns["time_s"]), trajectory), **columns}
 
