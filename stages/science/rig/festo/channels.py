@@ -28,9 +28,6 @@ Kind = Literal["EP", "4AO", "4AI", "1CI"]
 class Place(Declared):
     """Where something is counted, and what its counts mean."""
 
-    worth: ClassVar[str]
-    """Name of the key that tells what one count is worth."""
-
     module: int = Field(ge=0, description="position of the module, 0 being the bus module")
     zero_count: float = Field(description="counts at zero")
     sign: Literal[-1, 1] = Field(description="-1 where counts fall as the value rises")
@@ -38,7 +35,8 @@ class Place(Declared):
     @property
     def per_count(self) -> float:
         """Signed value of a count, kPa, N or rad."""
-        return self.sign * float(getattr(self, self.worth))
+        (worth,) = (value for name, value in self if name.endswith("_per_count"))
+        return self.sign * float(worth)
 
 
 class AnaloguePlace(Place):
@@ -50,21 +48,18 @@ class AnaloguePlace(Place):
 class PressurePlace(AnaloguePlace):
     """A channel of pressures."""
 
-    worth = "kpa_per_count"
     kpa_per_count: PositiveFloat = Field(description="kPa of one count")
 
 
 class ForcePlace(AnaloguePlace):
     """A channel of tensions."""
 
-    worth = "n_per_count"
     n_per_count: PositiveFloat = Field(description="N of one count")
 
 
 class EncoderPlace(Place):
     """A counter module with a joint's encoder."""
 
-    worth = "rad_per_count"
     channel: ClassVar[int] = 0
     rad_per_count: PositiveFloat = Field(description="rad of one count")
 
