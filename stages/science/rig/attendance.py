@@ -4,16 +4,13 @@ A trial that is proposed and the samples that are taken flow to them; decisions 
 a trial does not become part of the study.
 """
 
-from __future__ import annotations
-
 from collections.abc import Callable
-from typing import TYPE_CHECKING, ClassVar, NamedTuple, TypeVar
+from typing import ClassVar, NamedTuple, TypeVar
 
+from stages.science.plant.exoskeleton import Exoskeleton
+from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.trajectories import Array
 
-if TYPE_CHECKING:
-    from stages.science.plant.exoskeleton import Exoskeleton
-    from stages.science.rig.trial import Recording, Trial
 Landed = TypeVar("Landed")
 
 DECLINED = {

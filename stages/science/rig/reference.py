@@ -13,7 +13,6 @@ import pandas as pd
 
 from stages.science.rig.contract import RECORDING_COLUMNS, Rig, Watch, tidy
 from stages.science.rig.trial import PER_SAMPLE, Proposal, Recording, Trial
-from stages.science.signals.columns import Column
 from stages.science.signals.trajectories import Array
 
 PUNCTUAL: dict[str, Any] = {
@@ -42,12 +41,11 @@ def check_values(frame: pd.DataFrame) -> pd.DataFrame:
     """
     import pandera.pandas as pa  # slow to import, and most rigs read no rows
 
-    def declare(each: Column) -> pa.Column:
+    columns = {}
+    for name, each in RECORDING_COLUMNS.items():
         limits = ((pa.Check.ge, each["low"]), (pa.Check.le, each["high"]), (pa.Check.isin, each["among"]))
         checks = [check(limit) for check, limit in limits if limit is not None]
-        return pa.Column(each["dtype"], checks, nullable=each["nullable"])
-
-    columns = {name: declare(each) for name, each in RECORDING_COLUMNS.items()}
+        columns[name] = pa.Column(each["dtype"], checks, nullable=each["nullable"])
     try:
         checked: pd.DataFrame = pa.DataFrameSchema(columns, strict="filter", coerce=True).validate(frame, lazy=True)
     except pa.errors.SchemaErrors as errors:

@@ -14,20 +14,15 @@ import pandas as pd
 class RecordedSession(Protocol):
     """One session, the truth apart."""
 
-    @property
-    def samples(self) -> pd.DataFrame:
-        """A row per trial, time and muscle, in the columns and units of a measured dataset."""
+    samples: pd.DataFrame
+    """A row per trial, time and muscle, in the columns and units of a measured dataset."""
+    meta: Mapping[str, Any]
+    """What a user knows of the machine: geometry, starting values, timing, start of each trial."""
+    truth: Mapping[str, Any]
+    """What was hidden: ``scenario``, and ``effects`` with key, name, channel, muscles, gap and share.
 
-    @property
-    def meta(self) -> Mapping[str, Any]:
-        """What a user knows of the machine: geometry, starting values, timing, start of each trial."""
-
-    @property
-    def truth(self) -> Mapping[str, Any]:
-        """What was hidden: ``scenario``, and ``effects`` with key, name, channel, muscles, gap and share.
-
-        The gap over the floor is what an effect leaves after a nominal fit, the share what the constants absorb.
-        """
+    The gap over the floor is what an effect leaves after a nominal fit, the share what the constants absorb.
+    """
 
 
 def seal_truth(recorded: RecordedSession) -> str:
