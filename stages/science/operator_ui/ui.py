@@ -26,16 +26,14 @@ class Pages(OperatorSettings):
 
     def open(self) -> OperatorSession:
         """Serve the pages, or raise what `PageServer.open` does."""
-        server = PageServer(OperatorSession(self), self.host, self.port)
-        server.open()
-        self._server = server
-        return server.session
+        self._server = PageServer(OperatorSession(self), self.host, self.port)
+        self._server.open()
+        return self._server.session
 
     def close(self) -> None:
         """Serve no more."""
         if self._server is not None:
             self._server.close()
-        self._server = None
 
 
 class TerminalUi(OperatorSettings):
@@ -58,4 +56,3 @@ class TerminalUi(OperatorSettings):
         """Ask no more."""
         if self._terminal is not None:
             self._terminal.close()
-        self._terminal = None

@@ -101,8 +101,6 @@ class PageServer:
 
     def open(self) -> None:
         """Show the pages, or raise `RigError` where aiohttp is not installed, or the address cannot be taken."""
-        if self._thread is not None:
-            return
         if web is None:
             raise RigError('pages need aiohttp, which is not installed; pip install "pamid[pages]"')
         self._files = {each.name: each.read_bytes() for each in files(__package__).iterdir() if _type(each.name)}
