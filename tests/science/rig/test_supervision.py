@@ -261,7 +261,7 @@ def test_the_speed_is_that_of_the_real_time_between_samples(generator):
     at_s = [0.0, 0.01, 0.02, 0.08, 0.09, 0.10]
     told = [supervisor.look(counts(generator, angle=(0.2 + 5.0 * t, 0.6)), np.zeros(4), t) for t in at_s]
     assert {each.breach for each in told} == {""}
-    assert told[-1].speed_rad_per_s[0] == pytest.approx(5.0, abs=0.5)
+    assert told[-1].joint_velocity_rad_per_s[0] == pytest.approx(5.0, abs=0.5)
 
 
 def test_a_sample_that_is_late_by_more_than_a_period_says_so_unless_a_sensor_is_amiss():

@@ -298,7 +298,7 @@ class FestoCpx(FillingRig):
         return f"{reason}; the muscles were let down" if reason else ""
 
     def _show_sample(self, book: Logbook, sample: Sample, command_kpa: Array) -> None:
-        shown = Moment(book.time_s, sample.angle_rad, command_kpa, sample.pressure_kpa, sample.force_n)
+        shown = Moment(book.time_s, sample.joint_angle_rad, command_kpa, sample.pressure_kpa, sample.force_n)
         self.attendance.show(shown)
 
     def _judge_pace(self, book: Logbook, tick: Tick, late_s: float) -> str:

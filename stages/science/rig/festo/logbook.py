@@ -98,15 +98,9 @@ class Logbook:
         return Recording(time_s=(np.arange(first, first + len(rows)) - self.lead) / self.rig.sampling_rate_hz, **its)
 
     def _describe(self, sample: Sample, command_kpa: Array, clipped_by: Any) -> dict[str, Any]:
-        return {
-            "pressure_command_kpa": command_kpa,
-            "pressure_kpa": sample.pressure_kpa,
-            "force_n": sample.force_n,
-            "joint_angle_rad": sample.angle_rad,
-            "joint_velocity_rad_per_s": sample.speed_rad_per_s,
-            "status": sample.status,
-            "clipped_by": np.broadcast_to(clipped_by, command_kpa.shape),
-        }
+        told = {name: values for name, values in vars(sample).items() if name != "breach"}
+        clipped = np.broadcast_to(clipped_by, command_kpa.shape)
+        return {**told, "pressure_command_kpa": command_kpa, "clipped_by": clipped}
 
     def _append(self, row: dict[str, Any]) -> None:
         self._rows.append(row)

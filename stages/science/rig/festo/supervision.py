@@ -23,14 +23,14 @@ regulator and a slack muscle do stand still."""
 class Sample:
     """One sample of all sensors (M,) and (J,), with their last values where they told nothing.
 
-    Speeds are means over the last `SPEED_WINDOW_S`; the status (M,) is of keys of `STATUS`; the breach is why the trial
-    has to end, empty where it goes on.
+    Velocities are means over the last `SPEED_WINDOW_S`; the status (M,) is of keys of `STATUS`; the breach is why the
+    trial has to end, empty where it goes on.
     """
 
     pressure_kpa: Array
     force_n: Array
-    angle_rad: Array
-    speed_rad_per_s: Array
+    joint_angle_rad: Array
+    joint_velocity_rad_per_s: Array
     status: NDArray[np.str_]
     breach: str
 
