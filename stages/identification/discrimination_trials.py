@@ -32,7 +32,7 @@ from stages.science.recording.muscles import describe_muscles
 from stages.science.recording.sources import Measurement, read_executed, tabulate
 from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import RECORDING_COLUMNS, Rig, tidy
-from stages.science.rig.reference import tracked_trial
+from stages.science.rig.reference import replayed_trial
 from stages.science.rig.trial import Proposal
 from stages.science.signals.lead_in import leave_out_lead_in, measure_lead_in
 
@@ -207,7 +207,7 @@ def execute(cfg: Config, choose: Callable[[], Chosen], number: int, rig: Rig, ct
     drawn = ", drawn at random," if cfg.propose_trial.choice == "random" else ","
     reason = f"{words}{drawn} to tell {join_names(list(it.rivals))} apart"
     label, proposal = f"{it.participant} trial {number} to tell names apart", Proposal(number, cfg.next_trials, reason)
-    trial = tracked_trial(it.rows, rig, it.participant, label, it.place, proposal)
+    trial = replayed_trial(it.rows, rig, it.participant, label, it.place, proposal)
     recording = rig.execute(trial, ctx.generator("rig", number), ctx.record.watch((f"{number:02d}",)))
     shares = ", ".join(f"{name} {share:.2f}" for name, share in it.rivals.items())
     before, after = it.weighed.expected_now, float(it.weighed.probability[it.kind])

@@ -18,8 +18,7 @@ from pipeline.table import Table, column
 from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import RECORDING_COLUMNS, Rig, tidy
 from stages.science.rig.pacing import measure_pace
-from stages.science.rig.passive_trials import passive_trial
-from stages.science.rig.reference import tracked_trial
+from stages.science.rig.reference import replayed_trial
 from stages.science.rig.trial import Proposal
 from stages.science.signals.lead_in import leave_out_lead_in
 
@@ -109,7 +108,7 @@ def execute_tracked(
     samples = references[references["trajectory"] == row["trajectory"]]
     label = f"{row['participant']} experiment {row['experiment']} initial {row['position']}"
     proposal = Proposal(number + 1, total, "an initial trial, drawn at random", int(row["trajectory"]))
-    trial = tracked_trial(samples, rig, row["participant"], label, number, proposal)
+    trial = replayed_trial(samples, rig, row["participant"], label, number, proposal)
     recording = rig.execute(trial, ctx.generator(*key), ctx.record.watch(key))
     where = {str(name): value for name, value in row.items()}
     rows = pd.DataFrame(tidy(recording, rig)).assign(**where)
@@ -143,7 +142,8 @@ def execute_passive(
     for number, ((experiment, trial), samples) in enumerate(trials, first):
         turn = int(str(experiment)), int(str(trial))
         label = "protocol experiment {} trial {}".format(*turn)
-        given = passive_trial(samples, rig, label, number, Proposal(number + 1, total, "a trial of the protocol"))
+        proposal = Proposal(number + 1, total, "a trial of the protocol")
+        given = replayed_trial(samples, rig, NOBODY, label, number, proposal)
         recording = rig.execute(given, ctx.generator(NOBODY, *turn), watch)
         frames.append(pd.DataFrame(tidy(recording, rig)).assign(experiment=turn[0], trial=turn[1]))
     return {PROTOCOL_RECORDINGS.name: pd.concat(frames, ignore_index=True)[list(PROTOCOL_RECORDINGS.columns)]}

@@ -14,7 +14,7 @@ from stages.science.discrepancy.parts import list_parts
 from stages.science.plant.effect import list_effects
 from stages.science.recording.measured_tables import MeasuredTables
 from stages.science.recording.sources import read_executed, tabulate
-from stages.science.rig.reference import tracked_trial
+from stages.science.rig.reference import replayed_trial
 from tests.cpx_e.rig import emulate_rig
 from tests.studies import assert_refused, read_stages, run_stage
 
@@ -137,7 +137,7 @@ def test_what_was_proposed_passes_the_limits_of_an_emulated_rig(designed):
     resting = tables["hardware_recordings"].groupby("muscle")[["pressure_command_kpa", "joint_angle_rad"]].mean()
     with emulate_rig("exoskeleton.trial_s=4.0") as (_, rig), rig:
         _, rows = choose_allowed(known.weighed, cfg, rig, 1.0, resting, generator)
-        recording = rig.execute(tracked_trial(rows, rig, "p1", "told apart"), generator)
+        recording = rig.execute(replayed_trial(rows, rig, "p1", "told apart"), generator)
     after = recording.time_s >= 0.0
     assert (recording.status == "ok").all()
     assert (recording.clipped_by[after] == "").all()

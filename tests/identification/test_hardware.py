@@ -10,7 +10,7 @@ import pytest
 from pipeline.context import Context
 from stages.science.rig.contract import RECORDING_COLUMNS, tidy
 from stages.science.rig.manual import ManualRig, TrialRequested
-from stages.science.rig.passive_trials import passive_trial
+from stages.science.rig.reference import replayed_trial
 from stages.science.rig.sim import SimulatedRig
 from stages.science.signals.lead_in import leave_out_lead_in
 from tests.science.rig.test_manual import execute_by_hand
@@ -98,7 +98,7 @@ def test_is_what_the_rig_returns_for_a_passive_trial_with_nobody(passive, tmp_pa
     rows = tables["protocol_commands"].query("experiment == 2 and trial == 3")
     drawn = Context("hardware", tmp_path, study.settings.seed, None, None, stream="hardware").generator("nobody", 2, 3)
     with study.build("rig") as rig:
-        expected = tidy(rig.execute(passive_trial(rows, rig, ""), drawn), rig)
+        expected = tidy(rig.execute(replayed_trial(rows, rig, "nobody", ""), drawn), rig)
     found = tables["protocol_recordings"].query("experiment == 2 and trial == 3")
     for name in RECORDING_COLUMNS:
         np.testing.assert_array_equal(found[name], expected[name])

@@ -8,7 +8,8 @@ from scipy.stats import qmc
 
 from stages.science.rig.contract import tidy
 from stages.science.rig.excitation import Range
-from stages.science.rig.passive_trials import Sweeps, passive_trial
+from stages.science.rig.passive_trials import Sweeps
+from stages.science.rig.reference import replayed_trial
 from stages.science.rig.trial import Trial
 from tests.science.plant.machines import configured, other_machine
 from tests.studies import assert_refused, read_stages, run_stage
@@ -200,14 +201,14 @@ def test_a_joint_that_no_second_muscle_loads_is_refused():
 def test_a_trial_is_that_of_its_rows_and_the_rig_applies_it_as_it_is(rows, commands):
     rig = configured()
     its = rows[(rows["experiment"] == 2) & (rows["trial"] == 4)]
-    trial = passive_trial(its.sample(frac=1.0, random_state=3), rig, "label")
+    trial = replayed_trial(its.sample(frac=1.0, random_state=3), rig, "nobody", "label")
     assert (trial.kind, trial.participant, trial.reference_rad, trial.label) == ("passive", "nobody", None, "label")
     np.testing.assert_array_equal(trial.pressure_command_kpa, commands[1, 3])
     with rig:
         told = tidy(rig.execute(trial, np.random.default_rng(0)).without_lead_in(), rig)
     np.testing.assert_array_equal(told["pressure_command_kpa"], its["pressure_command_kpa"])
     with pytest.raises(ValueError, match=r"expected samples of every muscle .* got none of \['pam2'\]"):
-        passive_trial(its[its["muscle"] != "pam2"], rig, "label")
+        replayed_trial(its[its["muscle"] != "pam2"], rig, "nobody", "label")
 
 
 RANGE_KPA = "pam2: {low: 50.0,high: 600.0},pam3: {low: 20.0,high: 150.0},pam4: {low: 50.0,high: 600.0}"

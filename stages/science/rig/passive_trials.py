@@ -1,20 +1,15 @@
 """What an automatic protocol commands while nobody moves: one muscle of a joint is swept, the other one resists.
 
-A section of the configuration and a generator flow in; the commands of an experiment's trials flow out, and, from a
-trial's rows, the `Trial` that a rig executes.
+A section of the configuration and a generator flow in; the commands of an experiment's trials flow out.
 """
 
 import numpy as np
-import pandas as pd
 from pydantic import Field, PositiveInt
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.rig.contract import Rig
 from stages.science.rig.excitation import Range, check_ranges
 from stages.science.rig.limits import Limits
-from stages.science.rig.reference import arrange
-from stages.science.rig.trial import Proposal, Trial
 from stages.science.signals.trajectories import Array, connect_points
 
 STEEPEST = 1.875
@@ -116,11 +111,3 @@ class Sweeps(Declared):
         each_s = trial_s / self.levels
         lasting = np.full(self.levels - 1, self.transition_share * each_s)
         return connect_points(levels[:, None], np.arange(1, self.levels) * each_s - lasting / 2, lasting, time_s)[:, 0]
-
-
-def passive_trial(
-    samples: pd.DataFrame, rig: Rig, label: str, number: int | None = None, proposal: Proposal | None = None
-) -> Trial:
-    """Return the trial in which nobody moves and the robot plays given commands; rows and errors as of `arrange`."""
-    command = arrange(samples, "pressure_command_kpa", rig)
-    return Trial("passive", "nobody", command, label=label, number=number, proposal=proposal)

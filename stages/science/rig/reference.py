@@ -69,7 +69,7 @@ def gather(frame: pd.DataFrame, rig: Rig) -> Recording:
     return Recording(time_s=times[order[:, 0]], **arrays)
 
 
-def tracked_trial(
+def replayed_trial(
     samples: pd.DataFrame,
     rig: Rig,
     participant: str,
@@ -80,11 +80,14 @@ def tracked_trial(
     """Return the trial in which a participant tracks a recorded movement under its recorded pressures.
 
     Rows and errors are as of `arrange`, with the columns pressure_command_kpa and joint_angle_rad (of the muscle's
-    joint).
+    joint). With ``nobody`` in the machine the robot plays the pressures alone, and no angles are needed.
     """
-    command, angle = (arrange(samples, name, rig) for name in ("pressure_command_kpa", "joint_angle_rad"))
+    command = arrange(samples, "pressure_command_kpa", rig)
+    if participant == "nobody":
+        return Trial("passive", participant, command, None, label, number, proposal)
     first_muscle = [list(rig.muscle_joints).index(joint) for joint in rig.joints]
-    return Trial("tracked", participant, command, angle[:, first_muscle], label, number, proposal)
+    angle = arrange(samples, "joint_angle_rad", rig)[:, first_muscle]
+    return Trial("tracked", participant, command, angle, label, number, proposal)
 
 
 def arrange(samples: pd.DataFrame, column: str, rig: Rig) -> Array:
@@ -118,11 +121,11 @@ def track(
 ) -> pd.DataFrame:
     """Let a participant track a movement, and return what was measured, in the columns of `RECORDING_COLUMNS`.
 
-    References are rows of all movements, with a column trajectory beside those that `tracked_trial` takes. Errors are
+    References are rows of all movements, with a column trajectory beside those that `replayed_trial` takes. Errors are
     as of it and of `Rig.execute`.
     """
     samples = references[references["trajectory"] == trajectory]
-    trial = tracked_trial(samples, rig, participant, label, number, proposal)
+    trial = replayed_trial(samples, rig, participant, label, number, proposal)
     return pd.DataFrame(tidy(rig.execute(trial, generator, watch), rig))
 
 

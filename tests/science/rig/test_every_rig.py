@@ -11,7 +11,7 @@ import pytest
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.contract import RECORDING_COLUMNS, RigError, tidy
 from stages.science.rig.limits import speed_samples
-from stages.science.rig.reference import exchange_columns, track, tracked_trial
+from stages.science.rig.reference import exchange_columns, replayed_trial, track
 from stages.science.rig.replay import ReplayRig
 from stages.science.rig.trial import CLIPPED_BY, STATUS, Trial
 from stages.science.signals.bending import Bending
@@ -176,7 +176,7 @@ def test_exchanged_pressures_are_applied_within_every_limit(rig, generator):
     sources = {name: 1 - int(pull) for name, pull in zip(rig.muscles, pulls, strict=True)}
     asked = np.where(pulls, *movements)
     rows = exchange_columns(references, 0, sources)
-    np.testing.assert_array_equal(tracked_trial(rows, rig, "p1", "").pressure_command_kpa, asked)
+    np.testing.assert_array_equal(replayed_trial(rows, rig, "p1", "").pressure_command_kpa, asked)
     with rig:
         recorded = leave_out_lead_in(track(rows, 0, rig, "p1", "exchanged", generator))
     if isinstance(rig, ReplayRig):
@@ -206,7 +206,7 @@ def test_bent_movements_are_within_every_limit(rig, generator):
     changes = {name: its * generator.standard_normal(6) for name, its in size.items()}
     rows = bending.bend(references[references["trajectory"] == 2], changes)
     rig.check_bank(rows, "trajectory")
-    asked = tracked_trial(rows, rig, "p1", "").pressure_command_kpa
+    asked = replayed_trial(rows, rig, "p1", "").pressure_command_kpa
     assert np.ptp(asked, axis=0).min() > 100.0
     if isinstance(rig, ReplayRig):
         return  # it has no recording of it
