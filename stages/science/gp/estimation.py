@@ -30,7 +30,8 @@ APPROACH = 40
 FEW = 200
 """Entries of the inputs, points times dimensions, up to which Newton's method from the start on takes no longer."""
 SAME = 0.1
-"""Distance of a Newton step's end to a known maximum within which a climb counts as a repetition."""
+"""Distance of a Newton step's end to a known maximum within which a climb counts as a repetition, and share of what the
+log posterior fell from it (or nats) that it may lie off the parabola."""
 
 
 @dataclass(frozen=True)
@@ -117,7 +118,7 @@ def find_map(
     if posterior.inputs.size > FEW:
         begun = (approach(posterior, fresh[index], found) for index in ranked)
     for start in chain(warm_starts, begun):
-        maximum = None if start is None else climb(posterior, start, known=[each.theta for each in found])
+        maximum = None if start is None else climb(posterior, start, found)
         if maximum is not None:
             found.append(maximum)
     if not found:
@@ -153,7 +154,7 @@ def approach(posterior: LogPosterior, start: Array, known: Sequence[Place] = ())
     return np.asarray(found.x if np.isfinite(found.fun) else start)
 
 
-def climb(posterior: LogPosterior, start: Array, known: Sequence[Array] = ()) -> Place | None:
+def climb(posterior: LogPosterior, start: Array, known: Sequence[Place] = ()) -> Place | None:
     """Climb from one start to a local maximum; None when that cannot begin, or is about to end at a known maximum."""
     here = Place.at(posterior, np.array(start, dtype=float))
     if here is None:
@@ -163,11 +164,10 @@ def climb(posterior: LogPosterior, start: Array, known: Sequence[Array] = ()) ->
         is_peak_shaped = here.curvature[-1] <= CURVATURE_TOLERANCE * np.abs(here.curvature).max()
         if here.is_flat and is_peak_shaped:
             break
+        if any(each.draws(here.theta, here.value, here.gradient) for each in known):
+            return None
         step = here.step()
         length = float(np.linalg.norm(step))
-        to_known = [float(np.linalg.norm(here.theta + step - each)) for each in known]
-        if length <= radius and is_peak_shaped and min(to_known, default=np.inf) <= SAME:
-            return None
         if length > radius:
             step *= radius / length
         there = Place.at(posterior, here.theta + step)
