@@ -345,10 +345,14 @@ def describe_learning(
     pairs = compared[(compared["tested_on"] == tests[0]) & (compared["measure"] == "final")]
     for row in pairs[pairs["verdict"] != UNDECIDED].to_dict("records"):
         reached = curves.index[(curves[design] <= curves[row["control"]].iloc[-1]).to_numpy()]
-        told.append(_compare_with(row, reached, trials, executed[row["control"]]))
+        told.append(_compare_with(row, reached, trials, _say_after(executed, row["control"], trials)))
     left = pairs[pairs["verdict"] == UNDECIDED].to_dict("records")
     if left:
-        ends = [f"{choose_by(row['control'])} ({_percent(row['control_mean'])})" for row in left]
+        ends = [
+            f"{choose_by(row['control'])} ({_percent(row['control_mean'])}"
+            f"{_say_after(executed, row['control'], trials)})"
+            for row in left
+        ]
         least = min((row["p_holm"] for row in left if not pd.isna(row["p_holm"])), default=None)
         doubt = "so few experiments tell nothing of chance" if least is None else f"p = {least:.2g} or more"
         told.append(f"Not told apart from trajectories chosen {' or '.join(ends)}: {doubt}.")
@@ -370,11 +374,14 @@ def _count_trials(executed: float, most: int, kind: str = "") -> str:
     return f"{round(executed, 1):g} {kind}trial{'s' * (executed != 1)}{' on average' * (executed < most)}"
 
 
-def _compare_with(row: Mapping[Any, Any], reached: pd.Index, trials: int, executed: float) -> str:
+def _say_after(executed: Mapping[Any, float], arm: str, most: int) -> str:
+    """Return after how many trials an arm ended, where experiments of some arm ended before the last."""
+    return f" after {_count_trials(executed[arm], most)}" if min(executed.values()) < most else ""
+
+
+def _compare_with(row: Mapping[Any, Any], reached: pd.Index, trials: int, after: str) -> str:
     """Return how a control ended that differs from the design, by a row of `paired_comparison`."""
-    text = f"With trajectories chosen {choose_by(row['control'])} they end at {_percent(row['control_mean'])}"
-    if executed < trials:
-        text += f" after {_count_trials(executed, trials)}"
+    text = f"With trajectories chosen {choose_by(row['control'])} they end at {_percent(row['control_mean'])}{after}"
     if row["verdict"] == "control better":
         return f"{text}, which is {_describe_lead(row)}."
     when = f", and reaches that error by trial {int(reached[0])} of {trials}" if len(reached) else ""

@@ -114,9 +114,9 @@ GREY_BOX_COVERAGE = Table(
         "half_width_n": column(float, "mean half width of the intervals", unit="N", low=0),
         "width_factor": column(
             float,
-            "factor on the widths that the model's own uncertainty makes: with it intervals hold 95 % of the designed "
-            f"trials' samples, each trial left out of the model; 1 below {FEWEST} trials",
-            low=0,
+            "factor on the widths that the model's own uncertainty makes, so that intervals hold 95 % of the designed "
+            f"trials' samples, each trial left out of the model; 1 where they do without it, and below {FEWEST} trials",
+            low=1,
         ),
         "verdict": column(
             str,
@@ -228,7 +228,7 @@ class Designed:
         executed = [(inputs[rows], left[rows]) for rows in self.samples.groupby("trial").indices.values()]
         if len(executed) < FEWEST:
             return 1.0
-        return scale_intervals(model, self.points["trial"].to_numpy() - 1, executed, LEVEL)
+        return max(1.0, scale_intervals(model, self.points["trial"].to_numpy() - 1, executed, LEVEL))
 
 
 @stage(
@@ -311,7 +311,10 @@ def grey_box(
 
 
 def describe_rungs(summary: pd.DataFrame, tests: Sequence[str]) -> list[str]:
-    """Return what the rungs err by on the first test set, and what the grey box errs by on the others."""
+    """Return what the rungs err by on the first test set, and what the grey box errs by on the others.
+
+    An amended plant that errs more than the one before is told, as nothing then speaks for it.
+    """
     rows = summary[summary["muscle"] == ALL_MUSCLES].to_dict("records")
     first, *others = sorted(rows, key=lambda row: tests.index(row["tested_on"]))
     rates = {name: f"{100 * first[name]:.2g} %" for name in RUNGS}
@@ -328,6 +331,8 @@ def describe_rungs(summary: pd.DataFrame, tests: Sequence[str]) -> list[str]:
     places = [TEST_WORDS[row["tested_on"]] for row in (first, *others)]
     covered = ", ".join(f"{share} on {place}" for share, place in zip(held, places, strict=True))
     told += [f"They err by {' and by '.join(where)}."] if where else []
+    if all(row[AMENDED] > row[NOMINAL] for row in rows):
+        told.append("The amended plant errs more than the plant before the search: keep that until more trials tell.")
     return [*told, f"Their 95 % intervals hold {covered}."]
 
 

@@ -275,9 +275,10 @@ def average_errors(errors: pd.DataFrame) -> pd.DataFrame:
 
 
 def is_better(errors: pd.DataFrame) -> bool:
-    """Return whether the selected models err less on average over the test sets."""
-    mean = average_errors(errors).mean()
-    return bool(mean["selected"] < mean["assumed"])
+    """Return whether the selected models err less on average over the test sets, and not more on the task."""
+    each = average_errors(errors)
+    mean, task = each.mean(), each.reindex(["task"]).iloc[0]
+    return bool(mean["selected"] < mean["assumed"] and not task["selected"] > task["assumed"])
 
 
 def advise(constants: pd.DataFrame, found: Selected) -> list[str]:

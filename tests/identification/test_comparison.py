@@ -70,7 +70,8 @@ def test_planted_data_turn_verdict_finding_and_advice(means, verdict, found, adv
     ended = final.assign(trials=final["arm"].map({"y_y": 1.25, "variance": 2.0, "random": 1.5}))
     early = " ".join(describe_learning(ended, summary[summary["muscle"] == "mean"], told, ["bank"], "y_y"))
     assert early.startswith("After 1.2 designed trials on average the models err")
-    assert (verdict == "undecided") != (f"{100 * means['random']:.2g} % after 1.5 trials on average" in early)
+    assert f"{100 * means['random']:.2g} % after 1.5 trials on average" in early
+    assert f"{100 * means['variance']:.2g} % after 2 trials" in early
     *first, last = advise(told, "bank", ARMS)
     assert [each[: len(words)] for each, words in zip(first, advised, strict=True)] == advised
     assert last.endswith("python -m pipeline experiment=naming")

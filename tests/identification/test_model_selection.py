@@ -36,6 +36,8 @@ def test_a_selection_without_less_error_is_not_advised(found):
     errors = found["selection_errors"]
     assert is_better(errors)
     assert not is_better(errors.assign(selected=errors["assumed"]))
+    worse = errors["selected"].where(errors["tested_on"] != "task", 1.01 * errors["assumed"])
+    assert not is_better(errors.assign(selected=worse))
 
 
 def test_what_is_tried_and_found_is_told_with_what_to_type(found):
