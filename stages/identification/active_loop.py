@@ -41,12 +41,7 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.attendance import TrialDeclined
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, MOST_ROWS, RECORDING_COLUMNS, Rig
 from stages.science.rig.limits import speed_samples
-from stages.science.rig.reference import (
-    describe_sources,
-    exchange_columns,
-    read_sources,
-    track,
-)
+from stages.science.rig.reference import describe_sources, exchange_columns, read_sources, track
 from stages.science.rig.trial import Proposal
 from stages.science.signals.bending import Bending, describe_changes, read_changes
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array

@@ -42,7 +42,7 @@ from stages.science.statistics.intervals import Coverage, cover_blocks
 LEVEL = 0.95
 QUANTILE = float(ndtri(0.5 + LEVEL / 2))
 FEWEST = 5
-"""Movements below which a share's interval says nothing, and trials below which intervals are not scaled by them."""
+"""Movements below which a share's interval says nothing, and trials below which intervals are not widened by them."""
 NOMINAL, AMENDED, PROCESS, GREY_BOX = RUNGS = ("nominal_plant", "amended_plant", "gaussian_process", "grey_box")
 DESCRIBED = {
     NOMINAL: "the plant as the configuration has it",
@@ -304,7 +304,7 @@ def grey_box(
         draw_rungs(errors, list(RUNGS), list(tests)),
         "Error rate (RMSE over the largest force of the test data) of "
         + "; ".join(f"{name.replace('_', ' ')}: {described}" for name, described in DESCRIBED.items())
-        + f". Mean over {experiments} experiment{'s' * (experiments > 1)}, points are experiments.",
+        + (f". Means over {experiments} experiments, small points are experiments." if experiments > 1 else "."),
     )
     findings = describe_rungs(summary, list(tests))
     return {GREY_BOX_SUMMARY.name: summary, **told, GREY_BOX_FINDINGS.name: pd.DataFrame({"sentence": findings})}
