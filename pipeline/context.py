@@ -19,6 +19,7 @@ import pandas as pd
 
 from pipeline.errors import TableError, WiringError
 from pipeline.files import hash_file, write_atomically, write_folder, write_json, write_text
+from pipeline.forks import Fork, can_fork, divide
 from pipeline.journal import SUFFIX as JOURNAL_SUFFIX
 from pipeline.journal import Journal, keep_interrupted
 from pipeline.table import Table, read_frame
@@ -160,6 +161,7 @@ class Context:
     formats: Sequence[str] = ("png",)
     stream: str | None = None
     files: dict[str, dict[str, Any]] = field(default_factory=dict)
+    drawings: list[tuple[list[Path], str, Callable[[], None], Fork | None]] = field(default_factory=list)
 
     def generator(self, *key: int | str) -> np.random.Generator:
         """Return a generator that depends on the root seed, the stage's stream and the key alone."""
@@ -200,8 +202,21 @@ class Context:
         Function, jobs (this context may be part of them) and results can be pickled, and no job needs another's result.
         On a real device, and where people follow it, the jobs are done one after the other, here.
         """
-        alone = getattr(self.device, "real", False) or self.interactive
-        yield from (Workers(1) if alone else self.workers).spread(function, jobs, self.record.check)
+        yield from (Workers(1) if self._is_alone else self.workers).spread(function, jobs, self.record.check)
+
+    @property
+    def _is_alone(self) -> bool:
+        """Whether nothing may disturb a real device, or people who follow one."""
+        return getattr(self.device, "real", False) or self.interactive
+
+    def divide(
+        self, function: Callable[[Job], Result], jobs: Sequence[Job], kept: Iterable[object] = ()
+    ) -> list[Result]:
+        """Return ``function(job)`` for each job, in order, computed in copies of this process where there are workers.
+
+        Nothing is pickled but the results, less the objects `kept` that they hold; for the rest it is as `spread`.
+        """
+        return divide(function, jobs, 1 if self._is_alone else self.workers.count, kept, self.record.check)
 
     def gather(
         self, description: str, function: Callable[..., Iterable[Result]], jobs: Mapping[str, tuple[Any, ...]]
@@ -232,13 +247,40 @@ class Context:
         return self.land(description, partial(_land, self.record, make), named)
 
     def __getstate__(self) -> dict[str, Any]:
-        return {**vars(self), "console": None, "workers": Workers(1)}
+        return {**vars(self), "console": None, "workers": Workers(1), "drawings": []}
 
     def __setstate__(self, state: dict[str, Any]) -> None:
         vars(self).update(state, console=open_console(quiet=True))
 
     def figure(self, name: str, figure: Figure, caption: str) -> None:
-        """Keep a matplotlib figure, with the caption that the report prints beside the PNG."""
+        """Keep a matplotlib figure, with the caption that the report prints beside the PNG.
+
+        It is drawn in a copy of this process while the stage goes on, where a worker is free; see `finish`.
+        """
+        draw = partial(self._draw, name, figure)
+        paths = [self._figure_path(name, suffix) for suffix in self.formats]
+        self.files.update({path.relative_to(self.folder).as_posix(): {} for path in paths})  # in the order of calls
+        at_work = sum(fork.is_at_work() for *_, fork in self.drawings if fork)
+        free = not self._is_alone and can_fork() and at_work + 1 < self.workers.count
+        fork = Fork(draw) if free and paths else draw()
+        self.drawings.append((paths, caption, draw, fork))
+
+    def finish(self) -> None:
+        """Wait for all figures, and note what they are."""
+        for paths, caption, draw, fork in self.drawings:
+            if fork:
+                try:
+                    fork.finish()
+                except EOFError:
+                    draw()
+            for path in paths:
+                self._note(path, kind="figure", caption=caption)
+        self.drawings.clear()
+
+    def _figure_path(self, name: str, suffix: str) -> Path:
+        return self.folder / "figures" / f"{name}.{suffix}"
+
+    def _draw(self, name: str, figure: Figure) -> None:
         from matplotlib.backend_bases import get_registered_canvas_class  # slow to import
 
         figure.set_dpi(DOTS_PER_INCH)
@@ -247,11 +289,9 @@ class Context:
             layout.execute(figure)
             figure.set_layout_engine("none")  # every format has this layout
         for suffix in self.formats:
-            path = self.folder / "figures" / f"{name}.{suffix}"
             figure.set_dpi(DOTS_PER_INCH)  # which a format may have changed
             draw = getattr(get_registered_canvas_class(suffix)(figure), f"print_{suffix}")  # savefig draws twice
-            write_atomically(path, partial(draw, metadata=UNDATED[suffix]), final=True)
-            self._note(path, kind="figure", caption=caption)
+            write_atomically(self._figure_path(name, suffix), partial(draw, metadata=UNDATED[suffix]), final=True)
         figure.clear()
 
     def document(

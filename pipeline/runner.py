@@ -252,6 +252,7 @@ class Runner:
         frames = {name: written[name].read(tables / f"{name}.parquet") for name in stage.reads}
         with self._show_work(stage, context):
             made = stage.function(cfg=self.study.config(stage), ctx=context, **frames)
+            context.finish()
         made = (made,) if isinstance(made, pd.DataFrame) else made
         names = [table.name for table in stage.writes]
         results = made if isinstance(made, dict) else dict(zip(names, made, strict=True))

@@ -80,11 +80,11 @@ class Workers:
     def _open(self) -> ProcessPoolExecutor:
         if self._pool is None:
             self._others = multiprocessing.active_children()
-            self._pool = ProcessPoolExecutor(self.count, multiprocessing.get_context("spawn"), _prepare)
+            self._pool = ProcessPoolExecutor(self.count, multiprocessing.get_context("spawn"), begin_worker)
         return self._pool
 
 
-def _prepare() -> None:
+def begin_worker() -> None:
     """Begin a worker's life: deaf to Ctrl-C, which the terminal sends to all, and no longer than its parent's."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     if parent := multiprocessing.parent_process():

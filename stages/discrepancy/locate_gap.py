@@ -156,7 +156,7 @@ def locate_gap(cfg: Config, tables: MeasuredTables, ctx: Context) -> dict[str, p
             f"{source}: expected pressure or force of a muscle that changes, with all that it is simulated from, got "
             "none; see the table measured_notes"
         )
-    states = prepare_all(dataset.fitted_outputs)
+    states = prepare_all(dataset.fitted_outputs, ctx.divide)
     weights = resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample"))
     gap = pd.DataFrame(locate(states, settings.regimes, ctx.generator("signs")), columns=list(GAP.columns))
     channels = pd.DataFrame([summarise_channel(each, weights, settings) for each in states])

@@ -120,7 +120,7 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
     settings = cfg.discrepancy
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     states = restore_states(dataset, nominal)
-    found = search(states, settings.search, ctx.generator("trials"))
+    found = search(states, settings.search, ctx.generator("trials"), ctx.divide)
     decision = decide(found, settings, ctx.generator("unexplained"))
     left = [
         {"channel": channel, **each._asdict(), "probability": each.unknown, "imitated": each.ambiguous}

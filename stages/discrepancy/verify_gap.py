@@ -130,7 +130,7 @@ def verify_gap(
     test = dataset.test
     learned = read_patches(learned_maps)
     weights = resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample", "bands"))
-    verified = verify(dataset.outputs, dataset.fitted, found, learned, weights)
+    verified = verify(dataset.outputs, dataset.fitted, found, learned, weights, ctx.divide)
     opened = Opened(verified, settings, ctx.generator)
     bands = opened.find_coverage(test)
     concerned = list(dict.fromkeys(named["channel"])) or list(dict.fromkeys(channels["channel"]))

@@ -4,7 +4,7 @@ Outputs with their trials flow in; outputs with a nominal and a present fit, the
 """
 
 from collections.abc import Collection, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from functools import cached_property
 
 import numpy as np
@@ -22,7 +22,7 @@ from stages.science.output_channels.flexible import (
 )
 from stages.science.output_channels.grams import Columns
 from stages.science.output_channels.noise import Noise, estimate_noise, make_plain
-from stages.science.output_channels.output_channel import Counts, OutputChannel, map_in_threads
+from stages.science.output_channels.output_channel import Counts, Divide, OutputChannel, compute_here
 from stages.science.output_channels.trial_noise import TrialNoise
 from stages.science.plant.effect import NamedEffect
 from stages.science.signals.trajectories import Array
@@ -117,6 +117,8 @@ class FittedChannel:
     nominal: Fitted
     current: Fitted
     leftover: Leftover
+    promises: list[Screened] | None = field(default=None, init=False)
+    """What `screen` told of the present fit, if it was asked."""
 
     @cached_property
     def static_map(self) -> Blocks:
@@ -135,9 +137,8 @@ class FittedChannel:
         """A memory of them."""
         return build_memory(self.output)
 
-    @cached_property
-    def promises(self) -> list[Screened]:
-        """Screening results of the forms that are not in the model yet."""
+    def screen(self) -> list[Screened]:
+        """Return the screening results of the forms that are not in the model yet."""
         held = {form.name for form in self.current.forms}
         forms = [form for form in self.output.forms if form.name not in held]
         return screen(self.current.fit, self.noise, forms)
@@ -188,9 +189,14 @@ def prepare(output: OutputChannel) -> FittedChannel:
     return FittedChannel(output, noise, nominal, nominal, leftover)
 
 
-def prepare_all(outputs: Sequence[OutputChannel]) -> list[FittedChannel]:
-    """Return outputs with their nominal fits, each by `prepare`, in threads."""
-    return map_in_threads(prepare, outputs, sum(each.measured.size for each in outputs))
+def prepare_all(outputs: Sequence[OutputChannel], divide: Divide = compute_here) -> list[FittedChannel]:
+    """Return outputs with their nominal fits, each by `prepare`."""
+    return divide(prepare, outputs, [held for each in outputs for held in (each, *each.forms)])
+
+
+def list_kept(states: Sequence[FittedChannel]) -> list[object]:
+    """Return what results about outputs hold of these, which `divide` need not copy."""
+    return [held for each in states for held in (each.output, *each.output.forms, each.current, each.nominal)]
 
 
 def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, left: Leftover) -> FittedChannel:

@@ -10,13 +10,13 @@ from typing import NamedTuple
 import numpy as np
 
 from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP, Beside, Verdicts, weigh_names
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_plain
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_plain, list_kept
 from stages.science.discrepancy.screening import Screened
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import TrialScores, compare_by
 from stages.science.output_channels.families import join
 from stages.science.output_channels.noise import Noise, make_plain
-from stages.science.output_channels.output_channel import OutputChannel, map_in_threads
+from stages.science.output_channels.output_channel import Divide, OutputChannel
 from stages.science.output_channels.trial_noise import TrialNoise, estimate_trial_noise, split_residual
 from stages.science.plant.effect import NamedEffect
 from stages.science.signals.trajectories import Array
@@ -75,10 +75,15 @@ class Round:
     named: Named | None
 
 
-def _list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings) -> list[list[Screened]]:
+def _list_candidates(
+    outputs: Sequence[FittedChannel], settings: SearchSettings, divide: Divide
+) -> list[list[Screened]]:
     """Return the screening results of outputs, as gaps may show only with a form; gains are zero if none matters."""
     least, worth = 0.5 * (settings.smallest_gap - 1.0), set()
-    listed = [[each for each in state.promises if each.form.name not in settings.left_out] for state in outputs]
+    fresh = [state for state in outputs if state.promises is None]
+    for state, found in zip(fresh, divide(FittedChannel.screen, fresh, list_kept(fresh)), strict=True):
+        state.promises = found
+    listed = [[each for each in state.promises or () if each.form.name not in settings.left_out] for state in outputs]
     for state, promised in zip(outputs, listed, strict=True):
         gap = state.ratio(state.current.raw) > 1.0 + least
         if gap or any(each.raw_gain > least or state.output.shows(each.form) for each in promised):
@@ -88,21 +93,23 @@ def _list_candidates(outputs: Sequence[FittedChannel], settings: SearchSettings)
     return listed
 
 
-def rank(outputs: Sequence[FittedChannel], settings: SearchSettings) -> tuple[Round, list[Choice]]:
+def rank(outputs: Sequence[FittedChannel], settings: SearchSettings, divide: Divide) -> tuple[Round, list[Choice]]:
     """Return the probabilities of the names and, for each output channel, the fits of the shortlisted forms."""
-    candidates = _list_candidates(outputs, settings)
+    candidates = _list_candidates(outputs, settings, divide)
     close = _shortlist(outputs, candidates, settings)
-    choices = []
-    for state, listed in zip(outputs, candidates, strict=True):
-        chosen = [each for each in listed if (state.output.channel, each.form.name, each.form.form) in close]
-        choices.append(extend(state, chosen))
+    chosen = [
+        [each for each in listed if (state.output.channel, each.form.name, each.form.form) in close]
+        for state, listed in zip(outputs, candidates, strict=True)
+    ]
+    tasks = list(zip(outputs, chosen, strict=True))
+    choices = divide(lambda each: extend(*each), tasks, list_kept(outputs))
     offered = [each.form for listed in candidates for each in listed]
     names = sorted({form.name for form in offered})
     halved = {name: 0.5 ** min(len(form.parameters) for form in offered if form.name == name) for name in names}
     every = sum(halved.values()) / (1.0 - settings.none_prior - settings.family_prior)
     priors = {name: each / every for name, each in halved.items()}
     priors |= {NONE: settings.none_prior, MEMORY: settings.family_prior, STATIC_MAP: settings.static_prior}
-    alone, beside, left = _score_all(outputs, candidates, choices, settings)
+    alone, beside, left = _score_all(outputs, candidates, choices, settings, divide)
     look = _Look(outputs, choices, left, settings)
 
     def worth(name: str, probable: list[str], likely: Collection[str], carries: Array, mapped: bool) -> bool:
@@ -242,6 +249,7 @@ def _score_all(
     candidates: Sequence[Sequence[Screened]],
     choices: Sequence[Choice],
     settings: SearchSettings,
+    divide: Divide,
 ) -> tuple[Beside, Beside, list[Left]]:
     """Return the scores of all models, a memory among them, without and with a static map, and what each leaves.
 
@@ -251,17 +259,15 @@ def _score_all(
     extended = [dict(choice) for choice in choices]
     for place, _, sensor, fitted in corrected:
         extended[place][sensor] = fitted
-    samples = sum(state.output.measured.size for state in outputs)
     open_channels = {
         state.output.channel
         for state, own in zip(outputs, choices, strict=True)
         for each in (state.current, *own.values())
         if state.ratio(state.current.raw, each.raw) > settings.smallest_gap
     }
-    found = map_in_threads(
+    found = divide(
         lambda each: _score_output(*each, each[0].output.channel in open_channels, settings),
         list(zip(outputs, extended, strict=True)),
-        samples,
     )
     laws = np.log([1.0 - settings.static_prior, settings.static_prior])
     for place, source, sensor, _ in corrected:

@@ -11,13 +11,20 @@ from itertools import product
 import numpy as np
 
 from stages.science.discrepancy.evidence import Verdicts
-from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, prepare, refine
+from stages.science.discrepancy.fitted_channel import (
+    Fitted,
+    FittedChannel,
+    correct_inputs,
+    list_kept,
+    prepare,
+    refine,
+)
 from stages.science.discrepancy.naming import Choice, Named, Round, is_worth, rank
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.noise import make_plain
-from stages.science.output_channels.output_channel import list_starts
+from stages.science.output_channels.output_channel import Divide, compute_here, list_starts
 
 FRESH_STARTS, LONG = 4, 30
 """Number of other starts of the final fit of a named effect, and of iterations of each."""
@@ -44,16 +51,21 @@ class Search:
     undecided: list[Fitted] = field(default_factory=list)
 
 
-def search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator: np.random.Generator) -> Search:
+def search(
+    outputs: Sequence[FittedChannel],
+    settings: SearchSettings,
+    generator: np.random.Generator,
+    divide: Divide = compute_here,
+) -> Search:
     """Name and add effects to prepared outputs until none is worth it; the generator draws other starts of fits.
 
     A name that others are like may stand for two of them: in a single output that is searched without it too.
     """
-    found = _search(outputs, settings, generator)
+    found = _search(outputs, settings, generator, divide)
     if len(outputs) > 1 or not any(each.alternatives for each in found.named[:1]):
         return found
     without = settings.model_copy(update={"left_out": [*settings.left_out, found.named[0].name]})
-    other = _search(outputs, without, generator.spawn(1)[0])
+    other = _search(outputs, without, generator.spawn(1)[0], divide)
     (now,), (then,) = ([state.current for state in each.outputs] for each in (found, other))
     if len(other.named) < 2 or not is_worth(outputs[0], now.raw, then.raw, settings):
         return found
@@ -78,18 +90,20 @@ def _keep_beside(looked: Round, first: Round, name: str, probability: float) -> 
     )
 
 
-def _search(outputs: Sequence[FittedChannel], settings: SearchSettings, generator: np.random.Generator) -> Search:
+def _search(
+    outputs: Sequence[FittedChannel], settings: SearchSettings, generator: np.random.Generator, divide: Divide
+) -> Search:
     found = Search(list(outputs))
     found.steps.append([state.nominal for state in outputs])
     while len(found.named) < settings.most_effects:
-        looked, choices = rank(found.outputs, settings)
+        looked, choices = rank(found.outputs, settings, divide)
         if _find_better_constants(found, choices):
             continue
         found.rounds.append(looked)
         if looked.named is None:
             found.undecided = _carry_likeliest(found.outputs, looked.verdicts, choices)
             break
-        _add(found, looked.named, choices, generator)
+        _add(found, looked.named, choices, generator, divide)
         newest, there = looked.named, [each for each in found.named if each.channel == looked.named.channel]
         beside = [each.probability for each in there if {*each.elements} & {*newest.elements}]
         sure = min([1.0, *beside])  # that those which it was found beside are there
@@ -145,15 +159,24 @@ def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
     return better
 
 
-def _add(found: Search, named: Named, choices: Sequence[Choice], generator: np.random.Generator) -> None:
+def _add(
+    found: Search, named: Named, choices: Sequence[Choice], generator: np.random.Generator, divide: Divide
+) -> None:
     form_of = dict(zip(named.elements, named.forms, strict=True))
-    for place, state in enumerate(found.outputs):
-        if state.output.channel == named.channel and state.output.element in form_of:
-            chosen = choices[place][named.name, form_of[state.output.element]]
-            best = _start_anew(chosen, generator.spawn(1)[0])
-            spread = float(np.sqrt((best.residual**2).sum() / max(state.output.present.sum(), 1)))
-            found.outputs[place] = state.continue_from(refine(best.model, best.values, spread))
-            _correct_others(found, place)
+    carriers = [place for place, state in enumerate(found.outputs) if named.is_in(state.output)]
+    chosen = [choices[place][named.name, form_of[found.outputs[place].output.element]] for place in carriers]
+    tasks = list(zip([found.outputs[place] for place in carriers], chosen, generator.spawn(len(carriers)), strict=True))
+    added = divide(lambda each: _carry(*each), tasks, list_kept(found.outputs))
+    for place, state in zip(carriers, added, strict=True):
+        found.outputs[place] = state
+        _correct_others(found, place)
+
+
+def _carry(state: FittedChannel, chosen: Fitted, generator: np.random.Generator) -> FittedChannel:
+    """Return an output whose present fit carries a chosen form."""
+    best = _start_anew(chosen, generator)
+    spread = float(np.sqrt((best.residual**2).sum() / max(state.output.present.sum(), 1)))
+    return state.continue_from(refine(best.model, best.values, spread))
 
 
 def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:

@@ -4,7 +4,7 @@ Outputs with all trials and the values of each step flow in; predictions and gap
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -21,7 +21,7 @@ from stages.science.output_channels.fitting import Fit, Model, fit
 from stages.science.output_channels.flexible import Mask, find_floor
 from stages.science.output_channels.muscle_channels import ForceChannel, MuscleChannel
 from stages.science.output_channels.noise import Noise
-from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.output_channels.output_channel import Divide, OutputChannel, compute_here
 from stages.science.plant.learned_map import LearnedMap
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, least_p
@@ -31,7 +31,7 @@ Maps = Mapping[tuple[str, str], LearnedMap]
 """Learned maps by channel and element."""
 
 
-@dataclass(frozen=True)
+@dataclass
 class Verified:
     """One output on all trials, simulated after each number of additions, and with what was learnt, (T, K) each.
 
@@ -43,8 +43,8 @@ class Verified:
     output: OutputChannel
     steps: list[Array]
     free: list[Array]
-    floor: Array
-    band: Band
+    floor: Array = field(init=False)
+    band: Band = field(init=False)
     """About the last step."""
 
     def squares(self, simulated: Array) -> Array:
@@ -54,7 +54,12 @@ class Verified:
 
 
 def verify(
-    outputs: Sequence[OutputChannel], fitted: Sequence[int], found: SearchTables, learned: Maps, weights: Array
+    outputs: Sequence[OutputChannel],
+    fitted: Sequence[int],
+    found: SearchTables,
+    learned: Maps,
+    weights: Array,
+    divide: Divide = compute_here,
 ) -> list[Verified]:
     """Simulate every output channel, with all trials, after each addition, and last with maps, where there are any.
 
@@ -65,7 +70,8 @@ def verify(
     additions: list[tuple[int, Maps]] = [(step, {}) for step in range(found.last_step + 1)]
     if learned:
         additions.append((found.last_step, learned))
-    verified = []
+    opened: list[Verified] = []
+    last: list[tuple[Model, Array, Noise]] = []
     for output in sorted(outputs, key=lambda each: each.channel != "pressure_kpa"):
         simulated, free = [], []
         for place, (step, maps) in enumerate(additions):
@@ -78,16 +84,14 @@ def verify(
                 free.append(_simulate(driven, model, values, maps))
             if output.channel == "pressure_kpa":
                 pressures[output.element, place] = simulated[-1]
-        seen, still = _keep_values(model, values, found.read_noise(output))
-        floor = _find_floor(seen, still, found.read_noise(output), learnt) / output.range**2
-        band = _find_band(seen, still, learnt, weights)
-        known = learned.get((output.channel, output.element))
-        band = band if known is None else band.beside(known.deviation)
-        found_here = Verified(output, simulated, free, floor, band)
-        if known is not None and known.deviation < found.read_channel(output)["noise_floor"]:
-            found_here = replace(found_here, floor=found_here.squares(simulated[-1]))
-        verified.append(found_here)
-    return verified
+        opened.append(Verified(output, simulated, free))
+        last.append((model, values, found.read_noise(output)))
+    for each, (floor, band) in zip(opened, divide(lambda one: _judge(*one, learnt, weights), last), strict=True):
+        known = learned.get((each.output.channel, each.output.element))
+        each.floor, each.band = floor / each.output.range**2, band if known is None else band.beside(known.deviation)
+        if known is not None and known.deviation < found.read_channel(each.output)["noise_floor"]:
+            each.floor = each.squares(each.steps[-1])
+    return opened
 
 
 def _simulate(output: OutputChannel, model: Model, values: Array, maps: Maps) -> Array:
@@ -96,6 +100,12 @@ def _simulate(output: OutputChannel, model: Model, values: Array, maps: Maps) ->
     simulated = output.simulate(constants, effects)
     learned = maps.get((output.channel, output.element))
     return simulated if learned is None else simulated + evaluate_map(learned, output.told_by(constants))
+
+
+def _judge(model: Model, values: Array, noise: Noise, learnt: Mask, weights: Array) -> tuple[Array, Band]:
+    """Return what a flexible model beside a model leaves of each trial, (K,), and the band about it."""
+    seen, still = _keep_values(model, values, noise)
+    return _find_floor(seen, still, noise, learnt), _find_band(seen, still, learnt, weights)
 
 
 def find_test_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:

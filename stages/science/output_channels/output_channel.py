@@ -4,15 +4,11 @@ An output channel knows its measured signal, the constants of its nominal model 
 values for all of these it simulates. Nothing else of the workflow knows what machine it looks at.
 """
 
-import threading
 from abc import ABC, abstractmethod
-from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from functools import cache
 from itertools import product
-from multiprocessing import cpu_count, current_process
-from typing import Self, TypeVar
+from typing import Protocol, Self, TypeVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,8 +19,6 @@ from stages.science.plant.effect import NamedEffect, Parameter
 from stages.science.signals.trajectories import Array
 
 MOST_STARTS = 12
-LONG = 10000
-"""Number of samples from which simulations run in threads."""
 
 
 class DetectionSettings(Declared):
@@ -57,26 +51,22 @@ Placed = Sequence[tuple[NamedEffect, Mapping[str, float]]]
 """Effects with their parameters."""
 Case = tuple[Mapping[str, float], Placed]
 """Constants by name, and effects."""
-THREADS = "channel"
-"""Prefix of the names of threads."""
 Task = TypeVar("Task")
 Done = TypeVar("Done")
 
 
-@cache
-def _start_threads(process: int) -> ThreadPoolExecutor:
-    """Return the threads of a process; a forked one has none of its parent's."""
-    return ThreadPoolExecutor(max_workers=cpu_count(), thread_name_prefix=THREADS)
+class Divide(Protocol):
+    """Computes ``work(task)`` for each of independent tasks, in order; results hold the objects `kept` themselves."""
+
+    def __call__(
+        self, work: Callable[[Task], Done], tasks: Sequence[Task], /, kept: Iterable[object] = ()
+    ) -> list[Done]:
+        """Return the results, computed wherever it be."""
 
 
-def map_in_threads(work: Callable[[Task], Done], tasks: Sequence[Task], samples: int) -> list[Done]:
-    """Return the results of all tasks, computed in threads where they have at least `LONG` samples together.
-
-    What is called in one of these threads computes its own tasks one after the other.
-    """
-    if samples < LONG or len(tasks) < 2 or threading.current_thread().name.startswith(THREADS):
-        return [work(each) for each in tasks]
-    return list(_start_threads(current_process().pid or 0).map(work, tasks))
+def compute_here(work: Callable[[Task], Done], tasks: Sequence[Task], kept: Iterable[object] = ()) -> list[Done]:
+    """Return the results of all tasks, computed one after the other."""
+    return [work(each) for each in tasks]
 
 
 def list_starts(form: NamedEffect, most: int = MOST_STARTS) -> list[dict[str, float]]:

@@ -5,9 +5,10 @@ beginning, however many of its blocks are looked at, so that memory is kept.
 """
 
 from collections.abc import Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass, replace
-from functools import cached_property
-from multiprocessing import cpu_count
+from functools import cache, cached_property
+from multiprocessing import cpu_count, current_process
 from typing import NamedTuple, Self
 
 import numpy as np
@@ -19,13 +20,11 @@ from stages.science.output_channels.features import evaluate_map
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.output_channel import (
-    LONG,
     Case,
     DetectionSettings,
     Driver,
     OutputChannel,
     Placed,
-    map_in_threads,
 )
 from stages.science.output_channels.records import bridge, bridge_short, spread_records, thin_out
 from stages.science.plant.effect import NamedEffect, list_effects
@@ -46,6 +45,8 @@ LEAST_BLOCKS = 3
 """Least number of blocks: one for testing, two to leave out in turn."""
 SAME, LARGEST = 1e-12, 1e100
 """Relative range of an output up to which it is constant, and largest size whose square is finite."""
+LONG = 10000
+"""Number of samples from which simulations run in threads, but for those in a fork of the process."""
 LEVEL_ERROR = 0.001
 """Standard deviation of a saturation level read off exactly repeated values, in scales of the output."""
 
@@ -150,7 +151,8 @@ class WholeRecordChannel(OutputChannel):
             group, taken = task
             return self.plant.simulate_each(group.signals, self.step_s, np.zeros(1), taken, group.begun)
 
-        found = map_in_threads(work, tasks, samples)
+        several = samples >= LONG and len(tasks) > 1 and not current_process().daemon
+        found = list(_start_threads(current_process().pid or 0).map(work, tasks)) if several else map(work, tasks)
         whole: dict[int, list[Array]] = {}
         for (group, _), simulated in zip(tasks, found, strict=True):
             for place, record in enumerate(group.records):
@@ -293,6 +295,12 @@ class WholeRecordChannel(OutputChannel):
         samples = np.arange(len(self.measured))
         taken = [(whole[record], first) for record, first in self.places]
         return np.stack([values[np.minimum(first + samples, len(values) - 1)] for values, first in taken], axis=1)
+
+
+@cache
+def _start_threads(process: int) -> ThreadPoolExecutor:
+    """Return the threads of a process; a forked one has none of its parent's."""
+    return ThreadPoolExecutor(max_workers=cpu_count())
 
 
 def _is_exact(form: NamedEffect) -> bool:
