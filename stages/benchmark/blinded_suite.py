@@ -89,7 +89,7 @@ BLIND_RANKING = Table(
         "session": column(str, "its name"),
         "place": column(int, "in the ranking", low=1),
         "name": column(str, "of the effect; none, or unknown"),
-        "probability": column(float, "sums to 1", low=0, high=1),
+        "probability": column(float, "sums to 1 but for what is unknown in another channel", low=0, high=1),
         "absorbed": column(bool, "whether the constants imitate it"),
     },
     key=("session", "name"),

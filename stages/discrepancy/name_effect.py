@@ -34,7 +34,12 @@ RANKING = Table(
         ),
         "form": column(str, "its forms, most probable on each muscle; empty where it is no effect"),
         "site": column(str, "where it acts; empty where it is no effect"),
-        "probability": column(float, "in this round; sums to 1", low=0, high=1),
+        "probability": column(
+            float,
+            "that it is there, in this round; sums to 1 but for what is unknown in another channel",
+            low=0,
+            high=1,
+        ),
         "heldout_gap": column(
             float, "RMSE over range, root mean square over channels, trials left out", percent=True, low=0
         ),

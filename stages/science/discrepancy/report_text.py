@@ -99,22 +99,26 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
             doubt += "effect usually differ by"
         doubt += ": the name may stand in for something that the library does not hold."
     where = "On trials left out of the fits something" if gap["after"] < gap["noise_floor"] else "So much"
-    remains = (
-        f"{where} remains: {family} would still take away {_percent(left['share'])} of what was "
-        "above the noise; that has no name in the library."
-    )
+    more = f"would still take away {_percent(left['share'])} of what was above the noise"
+    if left["share"] < settings.report.least_share:
+        where, more = (
+            "Something",
+            f"predicts trials left out better, by less than {_percent(settings.report.least_share)}",
+        )
+    remains = f"{where} remains: {family} {more}; that has no name in the library."
     them = "it" if len(effects) == 1 else "them"
     ends = f"{_percent(gap['low'])} to {_percent(gap['high'])}"
     doubt_of_gap = f"{_percent(settings.level)} interval {ends}, p = {gap['p_value']:.2g}"
     if len(verdict["verification_trials"]) == 1:
         doubt_of_gap = "one trial gives neither interval nor p-value"
     closing = (
-        f"With {them} the gap on {_count(verdict)} not fitted goes from "
+        f"With {them} the gap of {_spell_channels(verdict)} on {_count(verdict)} not fitted goes from "
         f"{_percent(gap['before'])} to {_percent(gap['after'])} of range ({doubt_of_gap})"
     )
     if all(each["name"] == QUANTISATION for each in effects):
         closing = (
-            f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range, with {them} as without"
+            f"On {_count(verdict)} not fitted the gap of {_spell_channels(verdict)} is {_percent(gap['before'])} of "
+            f"range, with {them} as without"
         )
     return [
         *told,
@@ -324,8 +328,8 @@ def describe_remainder(remainder: pd.DataFrame, status: str, settings: ReportSet
         silent = rows.loc[rows["inputs"] == "", "muscle"].to_list()
         if silent:
             sentences.append(
-                f"What stays unexplained in {name} of {_join(silent)} depends on no measured signal, as far as a "
-                "Gaussian process can tell on trials left out."
+                f"On what depends that which stays unexplained in {name} of {_join(silent)} is not told: no Gaussian "
+                "process of a few measured signals predicts it in trials left out."
             )
     return sentences
 
@@ -481,7 +485,7 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
         step = effect["step"]
         text += (
             f" Trials not fitted do not show it: with it the gap there goes from {_percent(step['before'])} to "
-            f"{_percent(step['after'])} of range (p = {step['p_value']:.2g}), so it may stand in for something else."
+            f"{_percent(step['after'])} of range (one-sided p = {step['p_value']:.2g}), so it may stand in for something else."
         )
     if like:
         text += f" These data do not exclude {like}; what usually tells them apart: {known.split_by}."
@@ -524,6 +528,10 @@ def _is_candidate(row: Mapping[str, Any]) -> bool:
 def _count(verdict: Mapping[str, Any]) -> str:
     trials = len(verdict["verification_trials"])
     return f"{trials} trial{'s' if trials > 1 else ''}"
+
+
+def _spell_channels(verdict: Mapping[str, Any]) -> str:
+    return _join([name_signal(each)[0] for each in verdict["gap"]["channels"]])
 
 
 def _percent(value: float) -> str:
