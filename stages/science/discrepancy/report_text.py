@@ -101,10 +101,8 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
     where = "On trials left out of the fits something" if gap["after"] < gap["noise_floor"] else "So much"
     more = f"would still take away {_percent(left['share'])} of what was above the noise"
     if left["share"] < settings.report.least_share:
-        where, more = (
-            "Something",
-            f"predicts trials left out better, by less than {_percent(settings.report.least_share)}",
-        )
+        least = _percent(settings.report.least_share)
+        where, more = "Something", f"predicts trials left out better, by less than {least} of what was above the noise"
     remains = f"{where} remains: {family} {more}; that has no name in the library."
     them = "it" if len(effects) == 1 else "them"
     ends = f"{_percent(gap['low'])} to {_percent(gap['high'])}"
@@ -485,7 +483,8 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
         step = effect["step"]
         text += (
             f" Trials not fitted do not show it: with it the gap there goes from {_percent(step['before'])} to "
-            f"{_percent(step['after'])} of range (one-sided p = {step['p_value']:.2g}), so it may stand in for something else."
+            f"{_percent(step['after'])} of range (one-sided p = {step['p_value']:.2g}), so it may stand in for "
+            "something else."
         )
     if like:
         text += f" These data do not exclude {like}; what usually tells them apart: {known.split_by}."
