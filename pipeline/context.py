@@ -261,7 +261,7 @@ class Context:
         paths = [self._figure_path(name, suffix) for suffix in self.formats]
         self.files.update({path.relative_to(self.folder).as_posix(): {} for path in paths})  # in the order of calls
         at_work = sum(fork.is_at_work() for *_, fork in self.drawings if fork)
-        free = not self._is_alone and can_fork() and at_work + 1 < self.workers.count
+        free = not self._is_alone and can_fork() and at_work < self.workers.count > 1
         fork = Fork(draw) if free and paths else draw()
         self.drawings.append((paths, caption, draw, fork))
 

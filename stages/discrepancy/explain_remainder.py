@@ -102,7 +102,7 @@ def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, c
     if (found.channels["gap_over_floor"] > settings.search.smallest_gap).any():
         dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
         plant = dataset.plant
-        described = describe_above_floor(dataset, found, settings, cfg.explain_remainder, ctx.generator)
+        described = describe_above_floor(dataset, found, settings, cfg.explain_remainder, ctx.generator, ctx.divide)
     averages = average_dependence(described)
     if len(averages):
         ctx.figure(

@@ -22,7 +22,7 @@ from stages.science.discrepancy.symbolic_regression import Sketch, sketch_residu
 from stages.science.output_channels.features import list_inputs
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.flexible import find_floor
-from stages.science.output_channels.output_channel import Driver, OutputChannel
+from stages.science.output_channels.output_channel import Divide, Driver, OutputChannel, compute_here
 from stages.science.plant.learned_map import LearnedMap
 from stages.science.signals.trajectories import Array
 
@@ -82,6 +82,7 @@ def describe_above_floor(
     settings: DiscrepancySettings,
     how: DescriptionSettings,
     draw: Callable[..., np.random.Generator],
+    divide: Divide = compute_here,
 ) -> list[Description]:
     """Return a description, by `describe`, of each output channel whose gap after all additions is above the floor.
 
@@ -92,22 +93,25 @@ def describe_above_floor(
     smallest_gap, generator = settings.search.smallest_gap, draw("pseudo-inputs")
     unnamed = found.unexplained.set_index("channel")["probability"] >= settings.search.certain
     weights = resample(len(dataset.fitted), settings.bootstraps, draw("resample"))
+    above = [each for each in dataset.fitted_outputs if found.read_channel(each)["gap_over_floor"] > smallest_gap]
+    restored = [(each, found.restore(each, found.last_step)) for each in above]
+    fits = [fit(model, found.read_noise(each), values, iterations=0) for each, (model, values) in restored]
     described = []
-    for output in dataset.fitted_outputs:
-        row = found.read_channel(output)
-        if row["gap_over_floor"] <= smallest_gap:
-            continue
-        model, values = found.restore(output, found.last_step)
-        noise = found.read_noise(output)
-        fitted = fit(model, noise, values, iterations=0)
-        floor = float(row["noise_floor"])
-        if model.forms:
-            least = find_floor(fitted, noise, np.ones(model.output.trials, dtype=bool)).raw.sum()
-            floor = min(floor, float(np.sqrt(least / max(int(model.output.present.sum()), 1))))
-        if _measure(fitted.residual, fitted.model.output) > smallest_gap * floor:
+    for fitted, floor in zip(fits, divide(lambda each: _find_floor(each, found), fits), strict=True):
+        output = fitted.model.output
+        if _measure(fitted.residual, output) > smallest_gap * floor:
             patched = settings.patch == "always" or (settings.patch != "none" and unnamed[output.channel])
             described.append(describe(fitted, floor, how, weights, settings.level, generator, patched))
     return described
+
+
+def _find_floor(fitted: Fit, found: SearchTables) -> float:
+    """Return the noise floor of an output, with the effects in the model, if that is less."""
+    output, floor = fitted.model.output, float(found.read_channel(fitted.model.output)["noise_floor"])
+    if not fitted.model.forms:
+        return floor
+    least = find_floor(fitted, found.read_noise(output), np.ones(output.trials, dtype=bool)).raw.sum()
+    return min(floor, float(np.sqrt(least / max(int(output.present.sum()), 1))))
 
 
 def describe(
