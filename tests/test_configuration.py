@@ -64,6 +64,7 @@ active_loop.trials=100000 -> : input should be less than or equal to 2000
 active_loop.starts=1000000 -> : input should be less than or equal to 1000
 active_loop.controls=[random,variance,random] ->
     : expected each control once, got random 2 times; set active_loop.controls=[random,variance]
+active_loop.controls=[integrated_variance] -> : expected other than the design's integrated_variance, got it alone
 exoskeleton.trial_s=0.01 ->
     exoskeleton.velocity_filter.window_s: expected a window that a trial of 2 samples (trial_s 0.01 at
     sampling_rate_hz 250.0) can hold, got 0.05; lower it or raise trial_s

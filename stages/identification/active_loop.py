@@ -205,6 +205,8 @@ class ActiveLoop(DesignSettings):
     @model_validator(mode="after")
     def _name_controls_once(self) -> Self:
         refuse_repeats(self.controls or [], "active_loop")
+        if self.controls == [self.utility]:
+            raise ValueError(f"controls: expected other than the design's {self.utility}, got it alone; [] = none")
         names = [name_utility(each) for each in dict.fromkeys([self.utility, *(self.controls or [])])]
         for name in names:
             if names.count(name) > 1:
