@@ -62,11 +62,14 @@ class Fork:
         self._receiver.close()
 
     def _send(self, work: Callable[[], Any], sender: Connection) -> None:
+        from threadpoolctl import threadpool_limits
+
         signal.signal(signal.SIGTERM, signal.SIG_DFL)
         sys.stdout, sys.stderr = sys.__stdout__, sys.__stderr__  # a terminal's lock may be held by a thread left behind
         logging.disable()
         begin_worker()
-        with suppress(Exception):  # it is met again, and told, where the work is done once more
+        # a library's threads are not in the copy
+        with threadpool_limits(1), suppress(Exception):  # a fault is met again, and told, where the work is done again
             found = work()
             sent = io.BytesIO()
             _Writer(sent, self._kept).dump(found)
