@@ -4,8 +4,8 @@ import numpy as np
 from scipy.signal import lfilter
 
 FINE_HZ = 1000.0
-PATH_NOISE, WANDER = 2e-4, 0.5
-"""Noise of inputs over their range; wander of the answer over its noise."""
+PATH_NOISE, WANDER, BEGUN = 2e-4, 0.5, 20000
+"""Noise of inputs over their range; wander of the answer over its noise; fine steps that it has gone on before."""
 
 
 def follow(signal, tau_s):
@@ -96,7 +96,7 @@ def record_bench(machine, effect, size, seed, rate_hz, seconds=64.0):
         "creep": lambda: 2.5 * (unit - 0.6 * follow(unit, 1.0) - 0.4 * follow(unit, 6.0)),
     }[effect]()
     noise = 0.004 * scale
-    wander = follow(generator.standard_normal(samples), 2.0)
+    wander = follow(generator.standard_normal(samples + BEGUN), 2.0)[BEGUN:]
     answer = answer + sign * size * scale * added + WANDER * noise * wander / wander.std()
     every = int(FINE_HZ / rate_hz)
     told = {name: each[::every] for name, each in signals.items()}
