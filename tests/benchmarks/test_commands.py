@@ -87,6 +87,43 @@ def test_jobs_at_once(tmp_path, benchmark, sized, tell):
     assert tables[0] == tables[1]
 
 
+def test_a_session_divided_among_workers(tmp_path, benchmark, sized, tell):
+    """Of 16 trials of 4 muscles, by the clock, in turns; whatever is computed for the first time is computed before."""
+    session = tmp_path / "session"
+    run(
+        [
+            sys.executable,
+            "-m",
+            "stages.benchmark.blinded_rig",
+            str(session),
+            "effect=creep",
+            "magnitude=medium",
+            "seed=7",
+        ]
+    )
+    taken: dict[int, list[float]] = {1: [], 2: []}
+
+    def search(workers):
+        command = Command(tmp_path / str(time.perf_counter_ns()), "workflow=discrepancy", f"measured={session}")
+        begun = time.perf_counter()
+        run(command.line(f"workers={workers}"))
+        taken[workers].append(time.perf_counter() - begun)
+        return command.runs[0]
+
+    def take_turns():
+        return [search(workers) for workers in taken]
+
+    take_turns()
+    for seconds in taken.values():
+        seconds.clear()
+    first, second = benchmark.pedantic(take_turns, rounds=sized(3, 1))
+    for path in (first / "tables").iterdir():
+        assert path.read_bytes() == (second / "tables" / path.name).read_bytes()
+    alone, divided = map(statistics.median, taken.values())
+    tell("session of 16 trials x 4 muscles on two workers", divided, "s")
+    tell("session of 16 trials x 4 muscles, two workers / one", divided / alone)
+
+
 def test_review_of_many_jobs(tmp_path, benchmark, sized, tell):
     """Of a sweep of many jobs, with its table and its page, and of all runs in a list."""
     jobs = sized(1000, 200)
