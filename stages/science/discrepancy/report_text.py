@@ -29,7 +29,8 @@ NAMELESS = {
     MEMORY: "a memory without a name",
     STATIC_MAP: "a static map without a name",
 }
-MOST_LISTED = 4
+MOST_LISTED, LEAST_SUSPECTED = 4, 0.05
+"""Names that a list tells, and the probability below which a suspected effect is left to the tables."""
 TIMES = {"paces": 1.0, "paces_late": 1.0, "periods": 2.0 * math.pi}
 """Parameters that tell a time, and their unit in paces."""
 
@@ -82,6 +83,7 @@ def _describe_suspected(verdict: Mapping[str, Any]) -> list[str]:
         f"(probability {say_sure(each['probability'])}; p = {each['p_value']:.2g} that trials left out of the fit gain "
         "nothing by it)."
         for each in verdict["suspected"]
+        if each["probability"] >= LEAST_SUSPECTED
     ]
 
 
@@ -146,9 +148,11 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
     nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
     near = ""
+    suspected = {each["name"] for each in verdict["suspected"] if each["probability"] >= LEAST_SUSPECTED}
     if nearest:
+        doubt = f"probability {say_sure(nearest['probability'])}" if nearest["name"] not in suspected else "see below"
         near = (
-            f" Of the names, {_spell(nearest['name'])} comes nearest (probability {say_sure(nearest['probability'])}): "
+            f" Of the names, {_spell(nearest['name'])} comes nearest ({doubt}): "
             f"with it the gap of trials left out of the fit goes from {_percent(alone)} to "
             f"{_percent(nearest['heldout_gap'])} of range."
         )
@@ -161,11 +165,18 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     elif left["family"] is None and share < settings.report.least_share:
         reproducible = "no measured signal tells what it depends on"
     else:
-        reproducible = f"{family} takes away {_percent(share)} of what is above the noise"
+        takes = f"takes away {_percent(share)} of what is above the noise"
+        if share < settings.report.least_share:
+            takes = f"predicts trials left out better, by less than {_percent(settings.report.least_share)} of the gap"
+        reproducible = f"{family} {takes}"
         reproducible += f"; beside it {hum}" if line_hz is not None else ""
+    likely = any(each["probability"] >= settings.search.certain for each in verdict["suspected"])
+    lacks = "that no effect of the library explains better than what has no name"
+    if likely:
+        lacks = "for which trials left out of the fit confirm no effect"
     return [
-        f"Something is missing (probability {say_sure(verdict['missing_probability'])}) that no effect of the library "
-        f"explains better than what has no name: {reproducible}.{near} Nothing is named{unchanged}.",
+        f"Something is missing (probability {say_sure(verdict['missing_probability'])}) {lacks}: {reproducible}.{near} "
+        f"Nothing is named{unchanged}.",
         on_test,
         *_describe_suspected(verdict),
     ]

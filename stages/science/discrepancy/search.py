@@ -125,10 +125,14 @@ def _carry_likeliest(outputs: Sequence[FittedChannel], verdicts: Verdicts, choic
 
 
 def _doubt_beside_bounds(named: Named, found: Search, settings: SearchSettings) -> Named:
-    """Return an effect, no more than possible if where it is another stands at a bound: it may stand for its rest."""
+    """Return an effect, no more than possible if where it is another stands at a bound: it may stand for its rest.
+
+    What exact values show stands for nothing else.
+    """
     fits = [state.current for state in found.outputs if named.is_in(state.output)]
     stuck = any({*_list_stuck(each)} - {named.name} for each in fits)
-    return replace(named, probability=min(named.probability, settings.certain)) if stuck else named
+    stands_in = stuck and not named.shown
+    return replace(named, probability=min(named.probability, settings.certain)) if stands_in else named
 
 
 def _list_stuck(fitted: Fitted) -> list[str]:

@@ -19,13 +19,17 @@ class Levels(NamedTuple):
 
 
 def find_levels(values: Array, limits: DetectionSettings) -> Levels:
-    """Return the levels at which a signal is clipped.
+    """Return the levels at which a signal over time, (T, ...), is clipped; what is not finite was not measured.
 
     Noise makes every value of a sensor differ from the next, so a largest or smallest value that recurs exactly is the
-    end of the scale. A quantised signal repeats every value, and a signal at rest between the ends repeats that value:
-    neither shows a level.
+    end of the scale. A signal at rest between the ends repeats that value and shows no level, nor does one in counts
+    that are not finer than its noise, of which every value recurs.
     """
-    if values.size == 0 or np.ptp(values) == 0.0 or find_count(values, limits) is not None:
+    series, values = values, values[np.isfinite(values)]
+    if values.size == 0 or np.ptp(values) == 0.0:
+        return Levels(None, None)
+    count = find_count(values, limits)
+    if count is not None and _estimate_noise(series, values.min(), values.max()) < count:
         return Levels(None, None)
     distinct, counts = np.unique(values, return_counts=True)
     near = SAME * float(np.abs(distinct[[0, -1]]).max())
@@ -36,6 +40,14 @@ def find_levels(values: Array, limits: DetectionSettings) -> Levels:
         float(distinct[end]) if counts[at].sum() > least else None for end, at in ((0, below), (-1, above))
     )
     return Levels(lowest, highest)
+
+
+def _estimate_noise(series: Array, lowest: float, highest: float) -> float:
+    """Return the deviation of white noise that would explain the second differences of a signal between its ends."""
+    between = np.where((series > lowest) & (series < highest), series, np.nan)
+    second = np.diff(between, 2, axis=0)
+    known = second[np.isfinite(second)]
+    return float(np.sqrt(np.mean(known**2) / 6.0)) if known.size else 0.0
 
 
 def find_count(values: Array, limits: DetectionSettings) -> float | None:

@@ -179,7 +179,7 @@ class MuscleChannel(OutputChannel):
     @cached_property
     def _level(self) -> float | None:
         """Largest value, where it recurs exactly; the smallest value recurs in a muscle at rest too."""
-        highest = find_levels(self._readings, self.limits).highest
+        highest = find_levels(self.records.readings[self.channel], self.limits).highest
         return highest if highest is not None and highest > 0.0 else None
 
     def _collect(self, constants: Mapping[str, float]) -> MuscleConstants:

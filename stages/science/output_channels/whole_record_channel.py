@@ -130,7 +130,7 @@ class WholeRecordChannel(OutputChannel):
     @cached_property
     def _levels(self) -> Levels:
         """Levels at which the output is clipped, as far as its exact values show them."""
-        return find_levels(self.measured[self.present], self.limits)
+        return find_levels(np.where(self.present, self.measured, np.nan), self.limits)
 
     def simulate(self, constants: Mapping[str, float], effects: Placed) -> Array:
         """Return the answer of the blocks, (T, K)."""

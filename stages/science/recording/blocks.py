@@ -15,6 +15,10 @@ from stages.science.recording.rates import equalise, find_rates
 
 Array = NDArray[np.int64]
 
+MANY = 6
+"""Records of a part from which each is a trial: blocks of one share its zero and gain, so that they are no trials of
+their own. Fewer records would be too few trials."""
+
 WHOLE, PROPOSED = "given", "proposed"
 """Part of a record in a file that has no parts."""
 
@@ -38,13 +42,14 @@ def split_records(frame: pd.DataFrame) -> pd.DataFrame:
 def number_blocks(frame: pd.DataFrame, blocks: int) -> Array:
     """Return for each row the number of its block, counted through all records, whose rows are in the order of time.
 
-    The blocks of each part are shared among its records by their lengths, at least one for each. Those of a record
-    differ by a sample at most; a record with fewer samples has as many blocks.
+    The blocks of each part are shared among its records by their lengths, at least one for each; of `MANY` records,
+    each is one. Those of a record differ by a sample at most; a record with fewer samples has as many blocks.
     """
     records = frame.groupby("record", sort=False)
     sizes, parts = records.size(), records["part"].first()
     shares = blocks * sizes / sizes.groupby(parts).transform("sum")
-    counts = np.clip(np.rint(shares), 1, sizes).astype(int)
+    several = sizes.groupby(parts).transform("size") < MANY
+    counts = np.clip(np.rint(shares.where(several, 1.0)), 1, sizes).astype(int)
     within = [np.arange(size) * count // size for size, count in zip(sizes, counts, strict=True)]
     first = np.cumsum([0, *(each[-1] + 1 for each in within[:-1])])
     return np.concatenate([each + start for each, start in zip(within, first, strict=True)])

@@ -17,6 +17,19 @@ def test_a_clipped_signal_shows_its_levels(lowest, highest, offset):
     assert found == tuple(None if each is None else each + offset for each in (lowest, highest))
 
 
+@pytest.mark.parametrize("count", [0.5, 2.0])
+def test_a_clipped_signal_in_counts_finer_than_its_noise_shows_its_end(count):
+    generator = np.random.default_rng(2)
+    slow = 500.0 + 200.0 * np.sin(np.arange(20000.0).reshape(10, 2000).T / 300.0)
+    noisy = np.round((slow + 5.0 * generator.standard_normal(slow.shape)) / count) * count
+    assert find_levels(np.minimum(noisy, 450.0), LIMITS) == (None, 450.0)
+    noisy[:3, 2] = np.nan
+    assert find_levels(np.minimum(noisy, 450.0), LIMITS) == (None, 450.0)
+    assert find_levels(noisy, LIMITS) == (None, None)
+    coarse = np.round(np.clip(slow, 350.0, 650.0) / 20.0) * 20.0  # which rests at its ends
+    assert find_levels(coarse, LIMITS) == (None, None)
+
+
 REST = np.where(np.arange(5000) < 400, 500.0, SMOOTH)
 
 
