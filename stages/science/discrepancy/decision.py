@@ -21,6 +21,8 @@ from stages.science.output_channels.output_channel import Counts
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, least_p
 
+HALF = 0.5
+"""Gap of trials left out with an effect over that without, up to which few trials confirm it."""
 Status = Literal["no_discrepancy", "named", "unexplained"]
 
 
@@ -57,13 +59,15 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     """Return what is said of a dataset whose search has ended.
 
     An effect stands if its probability is enough and the gap of trials left out of the fit falls with it, beside the
-    others that stand, or if exact values show it, as they show a sensor's counts. One that was found beside others of
-    its muscle and channel shares their doubts. The others are taken out again, the newest first. The generator flips
-    signs and draws weights of trials.
+    others that stand, or if exact values show it, as they show a sensor's counts. Where independent trials are so few
+    that they say little, chance decides which of many names does best: there an effect has to halve the gap. One that
+    was found beside others of its muscle and channel shares their doubts. The others are taken out again, the newest
+    first. The generator flips signs and draws weights of trials.
     """
     limits = settings.search
     counted = _name_counts(found.outputs, limits)
     bearable = max(settings.significance, least_p(found.outputs[0].output.trials))
+    few = found.outputs[0].output.independent_trials < settings.report.few_trials
     remainders = weigh_remainder(found, found.named, found.steps[-1], limits, generator)
     doubts = {channel: each.doubt for channel, each in remainders.items()}
     stand: list[Named] = []
@@ -72,12 +76,14 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     present = found.steps[-1]
     for added, step in zip(reversed(found.named), reversed(found.steps), strict=False):
         without = _drop(found, present, [added])
-        p_value = _compare_left_out(found, without, present, added, generator)
+        before, after = (_pool_left_out(found, each, added) for each in (without, present))
+        p_value = float(compare_signs((before - after)[:, None], generator)[0])
+        confirmed = p_value <= bearable and (not few or after.mean() <= HALF * before.mean())
         earlier = found.named[: found.named.index(added)]
         built_on = sum(each.channel == added.channel and bool({*each.elements} & {*added.elements}) for each in earlier)
         sure = (1.0 - doubts[added.channel]) ** (1 + built_on)  # it may make up for what another's form lacks
         named = replace(added, p_value=p_value, probability=added.doubt(1.0 - sure))
-        if named.probability >= limits.certain and (named.shown or p_value <= bearable):
+        if named.probability >= limits.certain and (named.shown or confirmed):
             stand.insert(0, named)
             reached.insert(0, step)
         else:
@@ -136,17 +142,12 @@ def _drop(found: Search, fits: Sequence[Fitted], dropped: Sequence[Named]) -> li
     return left
 
 
-def _compare_left_out(
-    found: Search, before: Sequence[Fitted], after: Sequence[Fitted], named: Named, generator: np.random.Generator
-) -> float:
-    """Return the p-value of no fall of the gap of trials left out, over the outputs that carry an effect."""
-    gaps: list[list[Array]] = [[], []]
-    for state, *fits in zip(found.outputs, before, after, strict=True):
-        if named.is_in(state.output):
-            for kept, each in zip(gaps, fits, strict=True):
-                kept.append(each.raw / np.maximum(state.samples, 1.0) / state.output.range**2)
-    old, new = (np.sqrt(np.mean(each, axis=0)) for each in gaps)
-    return float(compare_signs((old - new)[:, None], generator)[0])
+def _pool_left_out(found: Search, fits: Sequence[Fitted], named: Named) -> Array:
+    """Return the gap of each trial left out, (K,), over the outputs that carry an effect."""
+    both = zip(found.outputs, fits, strict=True)
+    carried = [(state, each) for state, each in both if named.is_in(state.output)]
+    squares = [each.raw / np.maximum(state.samples, 1.0) / state.output.range**2 for state, each in carried]
+    return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
 
 def _is_blind(state: FittedChannel, fitted: Fitted, limits: SearchSettings) -> bool:

@@ -232,6 +232,11 @@ class OutputChannel(ABC):
         return self.measured.shape[1]
 
     @property
+    def independent_trials(self) -> int:
+        """Number of trials that have nothing in common but the machine."""
+        return self.trials
+
+    @property
     def range(self) -> float:
         """Largest less smallest measured value; gaps are told over it."""
         values = self.measured[self.present]

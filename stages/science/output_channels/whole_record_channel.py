@@ -170,6 +170,11 @@ class WholeRecordChannel(OutputChannel):
         """Return the output whose drivers are told by these constants."""
         return replace(self, watched=constants)
 
+    @property
+    def independent_trials(self) -> int:
+        """Number of records, whose blocks share a zero and a gain; of blocks, where there is no other record."""
+        return self.trials if len(self._used) == 1 else len(self._used)
+
     @cached_property
     def _groups(self) -> list[_Group]:
         """Records that have a block, those of one length together."""
