@@ -33,7 +33,7 @@ from stages.science.discrepancy.verdict import (
     reproduce_effects,
     summarise_remainder,
 )
-from stages.science.discrepancy.verification import DRIVEN, Opened, Verified, find_odd_trials, verify
+from stages.science.discrepancy.verification import DRIVEN, Opened, Verified, find_odd_trials, find_unsettled, verify
 from stages.science.figures.verified_gap import MAP, draw_effect_signature, draw_gap_waterfall, draw_verified_trials
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.plant.effect import find_effect
@@ -60,7 +60,7 @@ VERIFICATION = Table(
         "p_step": column(float, "of no fall from the step before, signs flipped exactly", low=0, high=1),
     },
     key=("part", "simulation", "step"),
-    brief=("simulation", "label", "gap", "low", "high", "p_step"),
+    brief=("part", "simulation", "label", "gap", "low", "high", "p_step"),
 )
 PREDICTIONS = Table(
     "predictions",
@@ -179,7 +179,9 @@ def verify_gap(
         draw_signatures(trace_effects(dataset, found), verdict["effects"], ctx)
     report = settings.report
     comparable = predictions[predictions["part"] != "other"]
+    unsettled = find_unsettled(comparable, report.odd_trial, settings.muscle_channels.least_drive_kpa)
     odd = find_odd_trials(comparable, report.odd_trial)
+    odd = odd[(odd["channel"] != "pressure_kpa") | ~odd["trial"].isin(list(unsettled))]
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
     findings = [
         *suspect_muscles(tables.measured, tables.measured_muscles),
@@ -198,6 +200,7 @@ def verify_gap(
         report_text.describe_bands(bands),
         *report_text.describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
         *report_text.describe_odd_trials(odd.to_dict("records")),
+        *report_text.describe_unsettled(unsettled, comparable["trial"].nunique()),
         *report_text.describe_bounds(amended_values),
         *report_text.describe_rate(dataset.outputs[0]),
         *report_text.describe_forgotten(dataset.outputs[0], dataset.plant, report.most_forgotten),

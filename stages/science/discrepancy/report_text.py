@@ -221,6 +221,18 @@ def describe_odd_trials(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
     ]
 
 
+def describe_unsettled(off_kpa: Mapping[int, float], trials: int) -> list[str]:
+    """Return that trials begin under a pressure that their first command does not hold, by `find_unsettled`."""
+    if not off_kpa:
+        return []
+    begin = "begins" if len(off_kpa) == 1 else "begin"
+    return [
+        f"Of {trials} trials {len(off_kpa)} {begin} up to {max(off_kpa.values()):.0f} kPa off the pressure that the "
+        "first command holds, and each is simulated from there: what is off early in a trial may be that alone. Record "
+        "trials that begin at rest, or cut them where the command has been held."
+    ]
+
+
 def describe_bounds(values: pd.DataFrame) -> list[str]:
     """Return which of the `amended_values` stand at a bound, so that what lies beyond was not tried, if any do."""
     stuck, named = values[values["at_bound"] != ""], []

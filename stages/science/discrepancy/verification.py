@@ -281,3 +281,18 @@ def find_odd_trials(predictions: pd.DataFrame, least_ratio: float) -> pd.DataFra
     usual = by_trial.groupby(["channel", "muscle"]).transform("median")
     ratio = (by_trial / usual.where(usual > 0.0)).rename("ratio").reset_index()
     return ratio[ratio["ratio"] > least_ratio].sort_values("ratio", ascending=False).reset_index(drop=True)
+
+
+def find_unsettled(predictions: pd.DataFrame, least_ratio: float, least_kpa: float) -> dict[int, float]:
+    """Return by trial how far its first pressure is from the simulated one, kPa, where that is far more than later on.
+
+    Far is by more than `least_kpa`, and by so many times the median error of the trial's second half.
+    """
+    pressure = predictions[predictions["channel"] == "pressure_kpa"].dropna(subset="measured")
+    off: dict[int, float] = {}
+    for _, rows in pressure.groupby(["trial", "muscle"]):
+        trial = int(rows["trial"].iloc[0])
+        error = (rows["measured"] - rows["after"]).abs().to_numpy()
+        if error[0] > max(least_kpa, least_ratio * float(np.median(error[len(error) // 2 :]))):
+            off[trial] = max(off.get(trial, 0.0), float(error[0]))
+    return off

@@ -10,9 +10,11 @@ from stages.science.discrepancy.report_text import (
     describe_high_floor,
     describe_scales,
     describe_times,
+    describe_unsettled,
     describe_verdict,
 )
 from stages.science.discrepancy.verdict import summarise_remainder
+from stages.science.discrepancy.verification import find_unsettled
 from tests.science.discrepancy.searches import DISCREPANCY
 from tests.science.plant.machines import configured, read_plant
 
@@ -122,6 +124,23 @@ def test_a_verdict_says_what_its_numbers_say(verdict, said, unsaid):
 
 def test_few_trials_are_told():
     assert [len(describe_few_trials(fitted, 1, 6)) for fitted in (2, 5, 6)] == [1, 1, 0]
+
+
+def test_trials_that_begin_under_another_pressure_are_told():
+    time_s = np.arange(200) * 0.01
+    late = {1: 40.0 * np.exp(-time_s / 0.1), 2: 0.0, 3: 80.0 * np.exp(-time_s / 0.1), 4: 30.0 + 0.0 * time_s}
+    noise = np.random.default_rng(1).standard_normal(200)
+    rows = [
+        pd.DataFrame({"trial": trial, "muscle": "pam1", "channel": channel, "measured": off + noise, "after": 0.0})
+        for trial, off in late.items()
+        for channel in ("pressure_kpa", "force_n")
+    ]
+    found = find_unsettled(pd.concat(rows), 8.0, 5.0)
+    assert found == {1: pytest.approx(40.0, abs=4.0), 3: pytest.approx(80.0, abs=4.0)}
+    assert describe_unsettled(found, 4)[0].startswith(
+        "Of 4 trials 2 begin up to 80 kPa off the pressure that the first"
+    )
+    assert describe_unsettled({}, 4) == []
 
 
 def test_scales_are_told_in_units():
