@@ -215,8 +215,9 @@ def describe_odd_trials(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
     trials = [str(each) for each in dict.fromkeys(int(row["trial"]) for row in odd)]
     what = f"{odd[0]['muscle']}, {odd[0]['channel']}"
     more = f" and {len(trials) - MOST_LISTED} more" if len(trials) > MOST_LISTED else ""
+    which = f"trial{'s' if len(trials) > 1 else ''} {', '.join(trials[:MOST_LISTED])}{more}"
     return [
-        f"Look at trial {', '.join(trials[:MOST_LISTED])}{more}: the error there is up to {odd[0]['ratio']:.0f} times "
+        f"Look at {which}: the error there is up to {odd[0]['ratio']:.0f} times "
         f"that of other trials ({what}); if something came loose, run again without it."
     ]
 
