@@ -51,6 +51,8 @@ class Fork:
         """Wait for the result and return it. Raises EOFError if the work failed or the process was killed."""
         try:
             sent = self._receiver.recv_bytes()
+        except OSError as error:  # killed while it sent
+            raise EOFError(str(error)) from error
         finally:
             self.end()
         return _Reader(io.BytesIO(sent), self._kept).load()
