@@ -223,4 +223,4 @@ def test_the_list_names_every_effect(capsys):
     assert command.main(["--list"]) == 0
     listed = capsys.readouterr().out
     assert all(key in listed for key in EFFECTS)
-    assert "314 scenarios" in listed
+    assert "354 scenarios" in listed

@@ -106,9 +106,9 @@ def catalogue(effects: Sequence[str], magnitudes: Sequence[Magnitude], seeds: Se
 
 
 def default_catalogue() -> list[Scenario]:
-    """Return the scorecard's 314: 60 none, 14 effects x 3 x 5, 20 outsiders, 12 pairs, 12 on one muscle."""
+    """Return the scorecard's 354: 100 none, 14 effects x 3 x 5, 20 outsiders, 12 pairs, 12 on one muscle."""
     outsiders = [key for key, effect in EFFECTS.items() if effect.outsider]
-    none = [scenario((), "medium", SEEDS_OF["none"] + k) for k in range(60)]
+    none = [scenario((), "medium", SEEDS_OF["none"] + k) for k in range(100)]
     main = catalogue(MAIN, MAGNITUDES, range(SEEDS_OF["main"], SEEDS_OF["main"] + 5))
     foreign = [
         scenario(
