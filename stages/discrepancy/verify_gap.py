@@ -40,6 +40,7 @@ from stages.science.plant.effect import find_effect
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import Machine
 from stages.science.recording.plausibility import suspect_muscles
+from stages.science.statistics.sign_flips import fewest_trials
 
 MOST_RECORDS = 12
 """Records of test trials that are evaluated one by one too."""
@@ -189,7 +190,7 @@ def verify_gap(
         *report_text.describe_verdict(verdict, places, settings),
         *report_text.describe_maps(maps, settings.significance),
         *report_text.describe_remainder(remainder, status, report),
-        *report_text.describe_few_trials(len(dataset.fitted), len(test), report.few_trials),
+        *report_text.describe_few_trials(len(dataset.fitted), len(test), fewest_trials(settings.significance)),
     ]
     final = verdict["gap"]["noise_floor"] if last else math.inf
     remarks = [

@@ -19,10 +19,8 @@ from stages.science.discrepancy.settings import DiscrepancySettings, SearchSetti
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.output_channels.output_channel import Counts
 from stages.science.signals.trajectories import Array
-from stages.science.statistics.sign_flips import compare_signs, least_p
+from stages.science.statistics.sign_flips import compare_signs, fewest_trials, least_p
 
-HALF = 0.5
-"""Gap of trials left out with an effect over that without, up to which few trials confirm it."""
 Status = Literal["no_discrepancy", "named", "unexplained"]
 
 
@@ -59,15 +57,15 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     """Return what is said of a dataset whose search has ended.
 
     An effect stands if its probability is enough and the gap of trials left out of the fit falls with it, beside the
-    others that stand, or if exact values show it, as they show a sensor's counts. Where independent trials are so few
-    that they say little, chance decides which of many names does best: there an effect has to halve the gap. One that
-    was found beside others of its muscle and channel shares their doubts. The others are taken out again, the newest
+    others that stand, or if exact values show it, as they show a sensor's counts. Where independent trials are too few
+    for a two-sided test, chance decides which of many names does best: there the gap has to fall by `clear_ratio`. One
+    that was found beside others of its muscle and channel shares their doubts. The others are taken out, the newest
     first. The generator flips signs and draws weights of trials.
     """
     limits = settings.search
     counted = _name_counts(found.outputs, limits)
     bearable = max(settings.significance, least_p(found.outputs[0].output.trials))
-    few = found.outputs[0].output.independent_trials < settings.report.few_trials
+    few = found.outputs[0].output.independent_trials < fewest_trials(settings.significance)
     remainders = weigh_remainder(found, found.named, found.steps[-1], limits, generator)
     doubts = {channel: each.doubt for channel, each in remainders.items()}
     stand: list[Named] = []
@@ -78,7 +76,7 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
         without = _drop(found, present, [added])
         before, after = (_pool_left_out(found, each, added) for each in (without, present))
         p_value = float(compare_signs((before - after)[:, None], generator)[0])
-        confirmed = p_value <= bearable and (not few or after.mean() <= HALF * before.mean())
+        confirmed = p_value <= bearable and (not few or limits.clear_ratio * after.mean() <= before.mean())
         earlier = found.named[: found.named.index(added)]
         built_on = sum(each.channel == added.channel and bool({*each.elements} & {*added.elements}) for each in earlier)
         sure = (1.0 - doubts[added.channel]) ** (1 + built_on)  # it may make up for what another's form lacks

@@ -35,9 +35,6 @@ class Left(NamedTuple):
 PASSES = 2
 """Times that candidates are fitted under the noise of trials that the best of them leaves."""
 
-FAR = 4.0
-"""Sum of squares of left-out trials over that without, above which nothing is better, whatever its score."""
-
 NEAR_BEST = 1.25
 """Sum of squares over that of the best form, up to which a form is fitted under its own noise too, and over that of a
 static map, up to which the map is not clearly better."""
@@ -312,7 +309,7 @@ def _score_output(
     state: FittedChannel, choice: Choice, gap: bool, settings: SearchSettings
 ) -> tuple[list[dict[tuple[str, str], float]], Left]:
     """Return the scores of an output's models, under one noise if trials jitter, and what each leaves."""
-    output, largest = state.output, settings.largest_jitter
+    output, largest, far = state.output, settings.largest_jitter, settings.clear_ratio**2
     first: Choice = {(NONE, ""): state.current, **choice}
     if not choice and not gap:
         families = dict.fromkeys((NONE, STATIC_MAP, MEMORY), state.current.raw)
@@ -341,13 +338,13 @@ def _score_output(
             again = nothing.refit(common, join(beside[NONE, ""].blocks, state.memory))
             remembering = max(again, remembering, key=lambda each: scores.score(each.residual))
         beside[MEMORY, ""] = remembering
-        lost = alone[MEMORY, ""].raw.sum() > FAR * nothing.raw.sum()
+        lost = alone[MEMORY, ""].raw.sum() > far * nothing.raw.sum()
         families |= {STATIC_MAP: beside[NONE, ""].raw, MEMORY: (nothing if lost else alone[MEMORY, ""]).raw}
     scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
     telling = {key: each for key, each in beside.items() if key not in choice or not _is_patch(each, settings)}
     told = [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, telling)]
     for own, fits in zip(told, (alone, telling), strict=True):
-        most, at_most = FAR * fits[NONE, ""].raw.sum(), own[NONE, ""]
+        most, at_most = far * fits[NONE, ""].raw.sum(), own[NONE, ""]
         own.update({key: min(own[key], at_most) for key, each in fits.items() if each.raw.sum() > most})
     return told, Left(families, {key: each.raw for key, each in beside.items()})
 

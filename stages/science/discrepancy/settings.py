@@ -40,6 +40,7 @@ class SearchSettings(Declared):
     most_effects: int = Field(ge=1, le=10)
     none_prior: float = Field(gt=0.0, lt=1.0)
     certain: float = Field(gt=0.0, lt=1.0)
+    clear_ratio: float = Field(gt=1.0)
     largest_jitter: float = Field(gt=0.0)
     hiding_share: float = Field(gt=0.0, lt=1.0)
     ambiguous_weight: float = Field(ge=0.0, le=1.0)
@@ -77,7 +78,6 @@ class MuscleChannelSettings(Declared):
 class ReportSettings(Declared):
     """From where on the findings mention something."""
 
-    few_trials: int = Field(ge=2)
     high_floor: float = Field(ge=1.0)
     most_confounded: float = Field(gt=0.5, lt=1.0)
     concentrated: float = Field(ge=1.0)

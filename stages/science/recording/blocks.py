@@ -17,7 +17,7 @@ Array = NDArray[np.int64]
 
 MANY = 6
 """Records of a part from which each is a trial: blocks of one share its zero and gain, so that they are no trials of
-their own. Fewer records would be too few trials."""
+their own. With fewer, no two-sided test of signs at 95 % can be significant (2 / 2**5 > 0.05)."""
 
 WHOLE, PROPOSED = "given", "proposed"
 """Part of a record in a file that has no parts."""

@@ -49,3 +49,8 @@ def least_p(trials: int, two_sided: bool = False) -> float:
     """Return the smallest p-value that this many trials can give."""
     flips = 2**trials if trials <= MOST_ENUMERATED else RANDOM_FLIPS + 1
     return (1 + two_sided) / flips
+
+
+def fewest_trials(significance: float) -> int:
+    """Return from how many trials on a two-sided test of all sign flips can reach a significance."""
+    return int(np.ceil(np.log2(2.0 / significance)))

@@ -12,7 +12,7 @@ from stages.science.statistics.equivalence import judge_equivalence, judge_paire
 from stages.science.statistics.groups import compare_groups
 from stages.science.statistics.paired import adjust_holm, compare_pairs
 from stages.science.statistics.power import find_smallest_n, power_of_equivalence, power_of_paired_equivalence
-from stages.science.statistics.sign_flips import compare_signs, least_p
+from stages.science.statistics.sign_flips import compare_signs, fewest_trials, least_p
 from stages.science.statistics.signed_rank import MOST_EXACT, _trim, compare_ranks
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=40)
@@ -261,6 +261,12 @@ def test_many_sign_flips_are_sampled():
     centred = compare_signs(generator.normal(0.0, 1.0, (30, 1)), generator)[0]
     assert shifted == least_p(30)
     assert centred > 0.01
+
+
+@pytest.mark.parametrize("significance", [0.2, 0.05, 0.01, 0.001])
+def test_the_fewest_trials_can_be_significant_and_one_less_cannot(significance):
+    fewest = fewest_trials(significance)
+    assert least_p(fewest, True) <= significance < least_p(fewest - 1, True)
 
 
 def test_nothing_to_flip_is_no_evidence():
