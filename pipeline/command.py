@@ -19,8 +19,8 @@ FLAGS = ("--help -h", "--hydra-help", "--resolve", "--run -r", "--multirun -m", 
 WITH_VALUE = ("--package -p", "--config-path -cp", "--config-name -cn", "--config-dir -cd")
 INFORMATION = ("all", "config", "defaults", "defaults-tree", "plugins", "searchpath")
 COMMAND = re.compile(r"\S*\bpython[\d.]* -m pipeline\b.*")
-CARRIED = ("outputs", "budget")
-"""What the command of a next run takes over from the one before: where it is written, and how large it is."""
+CARRIED = ("outputs", "budget", "workers")
+"""What the command of a next run takes over from the one before: place, size and cores."""
 SINGLE = ("sweep", "stages", "plan")
 """What was typed for one run alone."""
 
