@@ -69,10 +69,11 @@ BLIND_TRUTH = Table(
 )
 BLIND_NAMED = Table(
     "blind_named",
-    "An effect that was named, on a muscle",
+    "An effect that was named or suspected, on a muscle",
     {
         "session": column(str, "its name"),
-        "order": column(int, "of addition", low=1),
+        "order": column(int, "of addition, of those suspected after the named", low=1),
+        "suspected": column(bool, "whether it was not confirmed, and not named"),
         "name": column(str, "of the effect"),
         "form": column(str, "its form"),
         "channel": column(str, "in which it was seen"),
@@ -141,11 +142,15 @@ def _search(cfg: Config, ctx: Context, name: str) -> dict[str, pd.DataFrame]:
         "further_gain_high": high,
         **_measure(judged, recorded.truth, ctx.generator(name, "told")),
     }
-    named = list_named(judged.decision.effects, judged.found.named)
+    named, suspected = judged.decision.effects, judged.decision.suspected
+    said = list_named([*named, *suspected], judged.found.named)
     rows: dict[str, Any] = {
         BLIND_SESSIONS.name: [row],
         BLIND_TRUTH.name: _list_hidden(recorded.truth),
-        BLIND_NAMED.name: [{**each, "not_excluded": each["indistinguishable_from"]} for each in named],
+        BLIND_NAMED.name: [
+            {**each, "not_excluded": each["indistinguishable_from"], "suspected": each["order"] > len(named)}
+            for each in said
+        ],
         BLIND_RANKING.name: _list_ranking(judged, settings.report.most_confounded),
     }
     return {

@@ -106,7 +106,7 @@ RELIABILITY = Table(
     {
         "from_probability": column(float, "lower bound", low=0, high=1),
         "to_probability": column(float, "upper bound", low=0, high=1),
-        "n": column(int, "names said in a session, the first and those after it", low=0),
+        "n": column(int, "names said in a session, named or suspected", low=0),
         "said": column(float, "mean probability said", nullable=True),
         "right": column(float, "share in which it was a true name, or one of its class", nullable=True),
         "low": column(float, "lower end of Wilson's interval", nullable=True),

@@ -32,7 +32,7 @@ def scored(make_once):
 def describe_scored(tables, name):
     """Return what is said of a session there, as `describe` does of others."""
     said = tables["blind_sessions"].set_index("session").loc[name]
-    named = tables["blind_named"].query("session == @name").sort_values("order").drop_duplicates("name")
+    named = tables["blind_named"].query("session == @name and not suspected").drop_duplicates("name")
     return {
         "status": str(said["status"]),
         "named": {each.name: round(float(each.probability), 2) for each in named.itertuples(index=False)},

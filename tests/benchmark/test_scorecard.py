@@ -79,7 +79,19 @@ class Said:
     def __init__(self):
         self.sessions, self.truth, self.named, self.ranking = [], [], [], []
 
-    def add(self, kind, hidden, named, *, status=None, channel="force_n", gap=2.5, probability=0.9, further=(0.4, 0.6)):
+    def add(
+        self,
+        kind,
+        hidden,
+        named,
+        *,
+        status=None,
+        channel="force_n",
+        gap=2.5,
+        probability=0.9,
+        further=(0.4, 0.6),
+        suspected=(),
+    ):
         session, lost = f"s{len(self.sessions)}", status == "unexplained"
         status = status or ("named" if named else "no_discrepancy")
         row = {"session": session, "kind": kind, "asked": "medium", "load_cell_site": "joint_end", "status": status}
@@ -93,7 +105,11 @@ class Said:
             self.truth += [{"session": session, "order": order, **facts, **size, "muscle": m} for m in muscles]
         for order, (name, muscles) in enumerate(named, start=1):
             facts = {"name": name, "form": "f", "channel": "force_n", "probability": probability, "not_excluded": ""}
+            facts["suspected"] = False
             self.named += [{"session": session, "order": order, **facts, "muscle": m} for m in muscles]
+        for order, (name, doubtful) in enumerate(suspected, start=len(named) + 1):
+            facts = {"name": name, "form": "f", "channel": "force_n", "probability": doubtful, "not_excluded": ""}
+            self.named.append({"session": session, "order": order, **facts, "muscle": "pam1", "suspected": True})
         for place, (name, p) in enumerate((("none", 0.1), ("hysteresis", 0.9)), start=1):
             listed = {"session": session, "place": place, "name": name, "probability": p, "absorbed": False}
             self.ranking.append(listed)
@@ -188,6 +204,17 @@ def test_a_model_that_is_worse_counts_where_its_interval_says_so_and_two_names_w
     worse, two = value(found, "amended, worse on further trials"), value(found, "one cause, two names")
     assert (worse["n"], worse["value"], worse["met"]) == (4, 1 / 4, False)
     assert (two["n"], two["value"]) == (3, 2 / 3)
+
+
+def test_what_is_suspected_counts_only_among_the_probabilities_that_are_said(tmp_path):
+    said = Said()
+    said.add("one_effect", [("creep", TWO)], [], status="unexplained", suspected=[("creep", 0.75), ("leakage", 0.01)])
+    said.add("none", [], [], suspected=[("hysteresis", 0.75)])
+    found = said.score(tmp_path)
+    bins = found["reliability"].set_index("from_probability")
+    assert (bins["n"].sum(), bins.loc[0.7, "n"], bins.loc[0.7, "right"]) == (2, 2, 0.5)
+    assert value(found, "nothing hidden, something named")["value"] == 0.0
+    assert not found["scorecard_sessions"]["named"].any()
 
 
 def test_intervals_of_medians_hold_them():

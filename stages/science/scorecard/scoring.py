@@ -8,6 +8,8 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, Field
 
+from stages.science.discrepancy.report_text import LEAST_SUSPECTED
+
 NONE, ABSORBED = "none", "absorbed"
 SHOWN = 3
 """Number of candidates of the ranking that are listed."""
@@ -53,9 +55,9 @@ def score(
     sessions: pd.DataFrame, truth: pd.DataFrame, named: pd.DataFrame, ranking: pd.DataFrame, rules: Rules
 ) -> list[dict[str, Any]]:
     """Return a row for each session, of the tables ``blind_...`` of `blinded_suite`."""
-    found = []
+    found, stood = [], named[~named["suspected"]]
     for row in sessions.to_dict("records"):
-        its = (frame[frame["session"] == row["session"]] for frame in (truth, named, ranking))
+        its = (frame[frame["session"] == row["session"]] for frame in (truth, stood, ranking))
         found.append(_judge(row, *its, rules=rules))
     return found
 
@@ -94,9 +96,13 @@ def _judge(
 
 
 def list_said(truth: pd.DataFrame, named: pd.DataFrame, rules: Rules) -> pd.DataFrame:
-    """Return every name that was said, once a session, under ``session name probability right``."""
+    """Return every name that was said, once a session, under ``session name probability right``.
+
+    The suspected ones are among them, as far as a verdict tells their probability in words.
+    """
     hidden = truth.groupby("session")["name"].unique()
-    said = named.drop_duplicates(["session", "order"])[["session", "name", "probability"]]
+    told = named[~named["suspected"] | (named["probability"] >= LEAST_SUSPECTED)]
+    said = told.drop_duplicates(["session", "order"])[["session", "name", "probability"]]
     right = [
         any(rules.alike(name, true) for true in hidden.get(session, ()))
         for session, name in zip(said["session"], said["name"], strict=True)
