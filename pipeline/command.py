@@ -69,7 +69,7 @@ def command_line(arguments: list[str]) -> str:
 
 def override(key: str, value: str) -> str:
     """Return ``key=value`` as it is typed, quoted for Hydra and the shell where the value needs it."""
-    plain = re.fullmatch(r"[\w./:+-]+", value)
+    plain = re.fullmatch(r"[\w./:+-]+", value, re.ASCII)
     quoted = "'{}'".format(value.replace("'", "\\'"))
     return shlex.quote(f"{key}={value if plain else quoted}")
 

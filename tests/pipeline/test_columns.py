@@ -64,6 +64,20 @@ def test_it_tells_type_range_gaps_unit_and_use_of_every_column(look, tmp_path):
     )
 
 
+def test_columns_that_have_their_names_already_and_letters_of_other_languages_can_be_typed(look, pamid, tmp_path):
+    time, drive, answer = make_run()
+    path = tmp_path / "record.csv"
+    pd.DataFrame({"time_s": time, "Länge/mm": drive, "力 (N)": answer, "force_n": answer}).to_csv(path, index=False)
+    line = shlex.split(look(path)[-1])
+    told = line[line.index("pipeline") + 1 : -1]
+    assert "+columns.force_n=force_n" in told
+    assert "+columns.laenge_m=Länge/mm" in [each.replace('"', "") for each in told]
+    success(pamid, *told, "stages=[measurement]")
+    found = pd.read_parquet(pamid.runs[0] / "tables/measured_signals.parquet").groupby("signal")["value"]
+    assert found.ngroups == 3
+    np.testing.assert_allclose(found.get_group("laenge_m"), drive / 1000.0)
+
+
 @pytest.mark.parametrize("suffix", ["csv", "parquet", "mat", "txt"])
 def test_what_it_prints_can_be_typed(look, pamid, tmp_path, suffix):
     time, drive, answer = make_run()

@@ -199,8 +199,7 @@ def weigh_rivals(probabilities: Array, evidence: Array) -> Array:
     """
     log_odds = np.log(probabilities)[:, None] - np.log(probabilities)[None] + evidence.transpose(2, 0, 1)
     after = 1.0 / np.exp(-log_odds).sum(axis=2)
-    expected: Array = after @ probabilities
-    return expected
+    return np.asarray(np.minimum(after @ probabilities, 1.0))
 
 
 @dataclass(frozen=True)

@@ -70,8 +70,9 @@ class SearchTables:
             found = next((each for each in output.forms if (each.name, each.form) == (effect, form)), None)
             if found is None:
                 raise ValueError(f"no effect {effect} of form {form} at this output")
-            forms.append(found)
-            values += [by_name[each.name] for each in found.parameters]
+            fitted = tuple(each for each in found.parameters if each.name in by_name)  # of a sensor with one end alone
+            forms.append(replace(found, parameters=fitted))
+            values += [by_name[each.name] for each in fitted]
         return Model(output, tuple(forms)), np.array(values)
 
     def resume(self, state: FittedChannel, step: int) -> FittedChannel:

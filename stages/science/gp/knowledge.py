@@ -170,8 +170,8 @@ class Knowledge(ABC):
         available = np.setdiff1d(self.available, list(but))
         if not available.size:
             raise ValueError(
-                f"expected a trajectory that was not executed yet, but all {len(self.used)} of the bank were; "
-                "record a larger bank or allow reuse"
+                f"expected a trajectory that was neither executed yet nor excluded, but all {len(self.candidates[0])} "
+                "of the bank were; record a larger bank or allow reuse"
             )
         if self.design.utility == "random":
             return Choice(int(generator.choice(available)), None)

@@ -7,10 +7,10 @@ forms in the literature: they share its name, and the module of that name lists 
 """
 
 import importlib
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Any, Literal, Self
+from typing import Any, Literal, Self, get_args
 
 import numpy as np
 from numpy.typing import NDArray
@@ -172,6 +172,12 @@ class ElementEffect(NamedEffect):
 Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect
 
 EFFECTS = "stages.science.effects"
+ABSENT = "none"
+"""The effect without parameters, which does nothing."""
+SAMPLES, COLUMNS = 16, 2
+"""Of the signal on which the arrays that an effect returns are tried."""
+USUAL = {"contraction": 0.1, "force_n": 200.0, "tension_n": 200.0, "sensed_force_n": 200.0}
+"""Middle of a signal; of a pressure, it is 150 kPa."""
 
 
 def list_effects() -> tuple[str, ...]:
@@ -191,13 +197,23 @@ def list_forms(name: str) -> tuple[Effect, ...]:
     Raises
     ------
     ValueError
-        When there is no such effect, offering the nearest name.
+        When there is no such effect, offering the nearest name; or when no fit and no simulation could use what its
+        module declares.
     """
     known = list_effects()
     if name not in known:
         raise ValueError(f"unknown effect '{name}': {nearest(name, known)}")
     module = importlib.import_module(name_module(name))
-    return getattr(module, "FORMS", (module.EFFECT,))
+    forms: tuple[Effect, ...] | None = getattr(module, "FORMS", None)
+    if forms is None:
+        if not hasattr(module, "EFFECT"):
+            raise ValueError(f"effect {name}: expected EFFECT, or FORMS, in {module.__name__}")
+        forms = (module.EFFECT,)
+    for effect in forms:
+        problem = next(_list_problems(effect, name), None)
+        if problem:
+            raise ValueError(f"effect {name}, form {effect.form}: {problem}")
+    return forms
 
 
 def find_effect(name: str, form: str | None = None) -> Effect:
@@ -213,3 +229,73 @@ def find_effect(name: str, form: str | None = None) -> Effect:
         if form is None or effect.form == form:
             return effect
     raise ValueError(f"effect {name} has no form '{form}': {nearest(str(form), [each.form for each in forms])}")
+
+
+def _list_problems(effect: Effect, module: str) -> Iterator[str]:
+    if effect.name != module:
+        yield f"expected the name of its module, {module}, got {effect.name}"
+    if isinstance(effect, ChainEffect):
+        for name, value, known in (("site", effect.site, get_args(Site)), ("signal", effect.signal, get_args(Signal))):
+            if value not in known:
+                yield f"expected a {name} of {', '.join(known)}, got {value}"
+    if not effect.parameters and module != ABSENT:
+        yield "expected parameters, the magnitude first, got none"
+    for number, each in enumerate(effect.parameters):
+        if not each.low < each.high:
+            yield f"{each.name}: expected bounds with low below high, got {each.low:g} and {each.high:g}"
+        if not each.prior_sd > 0.0:
+            yield f"{each.name}: expected a prior_sd above 0, got {each.prior_sd:g}"
+        if not isinstance(each.starts, tuple) or not each.starts:
+            yield f"{each.name}: expected starts, a tuple of numbers such as (0.1,), got {each.starts}"
+        elif not all(each.low <= start <= each.high for start in each.starts):
+            yield f"{each.name}: expected starts from {each.low:g} to {each.high:g}, got {each.starts}"
+        elif number == 0 and 0.0 in each.starts:
+            yield f"{each.name}: expected no start at 0, as the first parameter is the magnitude, got {each.starts}"
+    if isinstance(effect, ChainEffect | ElementEffect) and effect.parameters:
+        yield from _try(effect)
+
+
+def _try(effect: ChainEffect | ElementEffect) -> Iterator[str]:
+    """Yield what is wrong with the arrays that an effect returns at each of its starts, and without its magnitude."""
+    signal, where = _make_samples(effect)
+    for number in range(-1, max(len(each.starts) for each in effect.parameters)):
+        values = {each.name: each.starts[min(max(number, 0), len(each.starts) - 1)] for each in effect.parameters}
+        if number < 0:
+            values[effect.parameters[0].name] = 0.0
+        told = ", ".join(f"{name} {value:g}" for name, value in values.items())
+        given = signal.copy()
+        try:
+            found = effect.apply(given, where, values)  # type: ignore[arg-type]
+        except Exception as error:
+            yield f"apply fails at {told}: {type(error).__name__}: {error}"
+            return
+        if not np.array_equal(given, signal):
+            yield f"apply: expected a new array, got the signal changed in place at {told}"
+        elif np.shape(found) != signal.shape:
+            yield f"apply: expected an array of the signal's shape, {signal.shape}, got {np.shape(found)} at {told}"
+        elif not np.isfinite(found).all():
+            yield f"apply: expected finite values, got others at {told}"
+        elif number < 0 and effect.parameters[0].low <= 0.0 and not np.allclose(found, signal, rtol=1e-6):
+            yield f"apply: expected no change at magnitude 0, got some at {told}"
+
+
+def _make_samples(effect: ChainEffect | ElementEffect) -> tuple[Array, State | Bench]:
+    """Return a signal, and what is beside it."""
+    wave = np.sin(np.linspace(0.0, 6.0, SAMPLES))[:, None] * np.ones(COLUMNS)
+    still, step_s = np.ones(COLUMNS), 0.01
+    along: Array = step_s * np.arange(SAMPLES, dtype=np.float64)
+    where: State | Bench
+    if isinstance(effect, ElementEffect):
+        signal = 0.5 * wave
+        session = along[:, None] * np.ones(COLUMNS)
+        where = Bench(0.5 * wave, np.gradient(wave, axis=0), step_s, 1.0, session, 0.5 + 0.2 * wave)
+    else:
+        middle = USUAL.get(effect.signal, 150.0)
+        signal = middle * (1.0 + 0.3 * wave)
+        rate = np.gradient(0.1 * wave, step_s, axis=0)
+        constants = MuscleConstants(*np.outer(np.ones(len(MuscleConstants._fields)), still))._replace(
+            braid_a=3.5 * still, valve_tau_s=0.04 * still, full_force_n=500.0 * still
+        )
+        pressure = 150.0 + 40.0 * wave
+        where = State(step_s, constants, pressure, pressure, 0.1 + 0.03 * wave, rate, along, 0.0 * still)
+    return signal, where

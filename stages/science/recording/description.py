@@ -138,7 +138,8 @@ def _describe_clock(columns: Mapping[str, pd.Series], guess: Guess, largest_jitt
 
 def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
     """Return the arguments that give a map to the command line; names that no default has are added to it."""
-    own = {name: column for name, column in guess.columns.items() if name != column}
+    signals = () if guess.muscles else guess.signals  # which none is, of records, that is not named
+    own = {name: column for name, column in guess.columns.items() if name != column or name in signals}
     arguments = [
         f"{'' if name in defaults else '+'}{section}.{name}={quote(value)}"
         for section, entries in (("columns", own), ("units", guess.units))
@@ -162,7 +163,7 @@ def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
 
 def quote(value: str) -> str:
     """Return a text as the value of an override that stays a text."""
-    if re.fullmatch(r"[A-Za-z_/][\w./-]*", value) and value.lower() not in ("null", "true", "false", "nan", "inf"):
+    if re.fullmatch(r"[A-Za-z_/][\w./-]*", value, re.ASCII) and value.lower() not in ("null", "true", "false", "nan", "inf"):
         return value
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 

@@ -5,6 +5,7 @@ plain. What is not plain is left to the person.
 """
 
 import re
+import unicodedata
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -45,6 +46,7 @@ MUSCLES = {
     "ratio": ("contraction",),
     "rate of a ratio": ("contraction_velocity_per_s",),
 }
+UMLAUTS = str.maketrans({"ä": "ae", "ö": "oe", "ü": "ue", "ß": "ss"})
 FIELD = re.compile(r"^\w+(?:\.\w+)*\.([A-Za-z]\w*)$")
 """A field of a struct, whose last name tells."""
 Key = tuple[int, bool, tuple[str, ...], bool]
@@ -180,7 +182,10 @@ def guess_map(
 
 
 def _plain(name: str) -> str:
-    return re.sub(r"\W+", "_", FIELD.sub(r"\1", name.strip()).lower()).strip("_")
+    """Return a heading in letters that a key of the command line may have."""
+    spelled = unicodedata.normalize("NFKD", FIELD.sub(r"\1", name.strip()).lower().translate(UMLAUTS))
+    bare = "".join(each for each in spelled if not unicodedata.combining(each))
+    return re.sub(r"\W+", "_", bare, flags=re.ASCII).strip("_")
 
 
 def _read(column: str, units: Mapping[str, str]) -> Heading:
@@ -231,7 +236,7 @@ def _take_signals(guess: Guess, rest: Sequence[str], plain: Mapping[str, str], u
         else:
             kind = find_kind(unit)
             own = next(iter(KINDS[kind]))
-            stem = plain[column] or _plain(kind)
+            stem = plain[column] or f"{_plain(kind)}_{rest.index(column) + 1}"
             stem = stem if stem[0].isalpha() else f"signal_{stem}"
             name = (
                 stem if own_unit(stem) == own and (own != "ratio" or RATIOS.search(stem)) else f"{stem}_{end_of(own)}"

@@ -2,6 +2,8 @@
 
 import importlib
 import re
+from dataclasses import replace
+from types import SimpleNamespace
 from typing import get_args
 
 import numpy as np
@@ -55,6 +57,47 @@ def test_a_form_declares_itself_and_parameters_that_begin_and_are_expected_withi
         magnitude = effect.parameters[0]
         assert magnitude.low <= 0.0 < magnitude.high
         assert 0.0 not in magnitude.starts
+
+
+GOOD = find_effect("viscous_friction", "pressure_scaled")
+
+
+def with_parameter(**changed):
+    return replace(GOOD, parameters=(replace(GOOD.parameters[0], **changed),))
+
+
+def change_in_place(signal, state, parameters):
+    signal *= 1.0 - parameters["share"]
+    return signal
+
+
+@pytest.mark.parametrize(
+    ("effect", "told"),
+    [
+        (replace(GOOD, name="other"), "expected the name of its module, made_up, got other"),
+        (replace(GOOD, name="made_up", site="musle"), "expected a site of command, valve, .*, got musle"),
+        (replace(GOOD, name="made_up", signal="forc_n"), "expected a signal of .*, got forc_n"),
+        (replace(GOOD, name="made_up", parameters=()), "expected parameters, the magnitude first, got none"),
+        (with_parameter(low=0.9, high=0.0), "share: expected bounds with low below high, got 0.9 and 0"),
+        (with_parameter(prior_sd=0.0), "share: expected a prior_sd above 0, got 0"),
+        (with_parameter(starts=()), "share: expected starts, a tuple of numbers such as"),
+        (with_parameter(starts=0.1), "share: expected starts, a tuple of numbers such as"),
+        (with_parameter(starts=(0.9,)), "share: expected starts from 0 to 0.5, got"),
+        (with_parameter(starts=(0.0,)), "share: expected no start at 0"),
+        (replace(GOOD, apply=lambda signal, state, parameters: signal[:-1]), "expected an array of the signal's shape"),
+        (replace(GOOD, apply=lambda signal, state, parameters: 1.0), "expected an array of the signal's shape"),
+        (replace(GOOD, apply=lambda signal, state, parameters: signal * np.nan), "expected finite values"),
+        (replace(GOOD, apply=lambda signal, state, parameters: signal + 1.0), "expected no change at magnitude 0"),
+        (replace(GOOD, apply=lambda signal, state, parameters: signal * parameters["shar"]), "KeyError: 'shar'"),
+        (replace(GOOD, apply=change_in_place), "expected a new array, got the signal changed in place at share 0.02"),
+    ],
+)
+def test_a_fault_in_an_effect_of_ones_own_is_told_when_it_is_loaded(effect, told, monkeypatch):
+    effect = effect if effect.name == "other" else replace(effect, name="made_up")
+    monkeypatch.setattr("stages.science.plant.effect.list_effects", lambda: ("made_up",))
+    monkeypatch.setattr("importlib.import_module", lambda name: SimpleNamespace(EFFECT=effect))
+    with pytest.raises(ValueError, match=f"^effect made_up, form pressure_scaled: .*{told}"):
+        list_forms.__wrapped__("made_up")
 
 
 @every_form

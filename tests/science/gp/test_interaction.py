@@ -167,8 +167,8 @@ def test_used_trajectories_are_excluded_unless_they_may_be_used_again(bank):
     again = begin(Exact, bank, range(5), reuse_trajectories=True).ask(np.random.default_rng(0))
     assert again.trajectory == free.trajectory
     assert np.isfinite(again.scores).all()
-    told = "expected a trajectory that was not executed yet, but all 5 of the bank were; record a larger bank or allow "
-    with pytest.raises(ValueError, match=f"{told}reuse"):
+    told = "neither executed yet nor excluded, but all 5 of the bank were; record a larger bank or allow reuse"
+    with pytest.raises(ValueError, match=told):
         begin(Exact, bank, range(5)).ask(np.random.default_rng(0))
 
 
