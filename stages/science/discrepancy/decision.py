@@ -30,11 +30,11 @@ class Decision:
 
     The status is ``named`` if an effect stands; else ``unexplained`` if something is missing more probably than not, or
     cannot be told from noise; else ``no_discrepancy``. Effects stand, in the order added, that are probable and that
-    left-out trials confirm; the others are suspected. `steps` are the fits of all outputs with none, one, two, ... of
-    those that stand, `remainders` what these leave by channel. `missing` is the probability that something is missing,
-    with a name or without, `doubts` those of an effect without a name, by which every name in its channel is reduced,
-    by round of the search and channel: beside what was added or, where the last round added nothing, beside its
-    likeliest name too.
+    left-out trials confirm; the others are suspected, with a probability of `certain` at most. `steps` are the fits of
+    all outputs with none, one, two, ... of those that stand, `remainders` what these leave by channel. `missing` is the
+    probability that something is missing, with a name or without, `doubts` those of an effect without a name, by which
+    every name in its channel is reduced, by round of the search and channel: beside what was added or, where the last
+    round added nothing, beside its likeliest name too.
     It is `blind` if so much counts as noise that a gap would not be seen, or if the simulation predicts nothing.
     """
 
@@ -85,7 +85,7 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
             stand.insert(0, named)
             reached.insert(0, step)
         else:
-            suspected.insert(0, named)
+            suspected.insert(0, replace(named, probability=min(named.probability, limits.certain)))
             present = without
     steps = [found.steps[0], *(_drop(found, each, suspected) for each in reached)]
     if suspected:

@@ -163,7 +163,8 @@ def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
 
 def quote(value: str) -> str:
     """Return a text as the value of an override that stays a text."""
-    if re.fullmatch(r"[A-Za-z_/][\w./-]*", value, re.ASCII) and value.lower() not in ("null", "true", "false", "nan", "inf"):
+    plain = re.fullmatch(r"[A-Za-z_/][\w./-]*", value, re.ASCII)
+    if plain and value.lower() not in ("null", "true", "false", "nan", "inf"):
         return value
     return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 

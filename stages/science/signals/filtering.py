@@ -4,6 +4,12 @@ import numpy as np
 
 from stages.science.signals.trajectories import Array
 
+LAGS_S = tuple(0.005 * 2.0 ** (0.5 * each) for each in range(13))
+DELAYS_S = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
+"""Time constants and delays of valves that are tried, up to a third and a twelfth of a second."""
+MULTIPLES = (1.0, 2.0, 4.0, 8.0)
+"""Of a width, over which what a valve's lag does not explain may be smoothed."""
+
 
 def differentiate(signal: Array, sampling_rate_hz: float, window_s: float, order: int) -> Array:
     """Return the zero-phase filtered derivative of each column of a signal (T, ...), in its unit per second.
@@ -48,10 +54,46 @@ def smooth(signal: Array, step_s: float, width_s: float) -> Array:
     """
     from scipy.signal import savgol_filter
 
-    window = 2 * max(round(0.5 * width_s / step_s), 2) + 1
+    window = _width_samples(step_s, width_s)
     if len(signal) < window:
         return signal
     return np.asarray(savgol_filter(signal, window, 3, axis=0))
+
+
+def _width_samples(step_s: float, width_s: float) -> int:
+    return 2 * max(round(0.5 * width_s / step_s), 2) + 1
+
+
+def smooth_driven(signal: Array, drive: Array, step_s: float, width_s: float) -> Array:
+    """Return a signal, (T, K), with less noise, as `smooth` does, that keeps the corners which steps of its drive make.
+
+    What a lag of the drive does not explain is smoothed alone, of a time constant and a delay that explain most: over
+    the width, s, or a multiple of it that predicts samples left out better.
+    """
+    from scipy.signal import lfilter, savgol_coeffs
+
+    best, least = np.zeros_like(signal), np.inf
+    centred = signal - signal.mean()
+    for late_s in DELAYS_S if np.ptp(drive) > 0.0 else ():
+        late = min(round(late_s / step_s), len(drive) - 1)
+        delayed = np.concatenate([np.repeat(drive[:1], late, axis=0), drive[: len(drive) - late]])
+        for tau_s in LAGS_S:
+            kept = np.exp(-step_s / tau_s)
+            lagged = lfilter([0.0, 1.0 - kept], [1.0, -kept], delayed, axis=0, zi=delayed[None, 0])[0]
+            lagged -= lagged.mean()
+            size = float((lagged**2).sum())
+            told = lagged * (float((lagged * centred).sum()) / size if size > 0.0 else 0.0)
+            left = float(((centred - told) ** 2).sum())
+            if left < least:
+                best, least = told, left
+    rest, found, least = signal - best, signal - best, np.inf
+    for wider in MULTIPLES:
+        smoothed = smooth(rest, step_s, wider * width_s)
+        own = savgol_coeffs(_width_samples(step_s, wider * width_s), 3).max()  # weight of a sample in its own fit
+        left = float(((rest - smoothed) ** 2).sum() / (1.0 - own) ** 2)
+        if smoothed is not rest and left < least:
+            found, least = smoothed, left
+    return best + found
 
 
 def decimate(signal: Array, factor: int, held: bool = False) -> Array:
