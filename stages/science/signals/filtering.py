@@ -4,9 +4,11 @@ import numpy as np
 
 from stages.science.signals.trajectories import Array
 
-LAGS_S = tuple(0.005 * 2.0 ** (0.5 * each) for each in range(13))
-DELAYS_S = (0.0, 0.005, 0.01, 0.02, 0.04, 0.08)
-"""Time constants and delays of valves that are tried, up to a third and a twelfth of a second."""
+LAGS_S = tuple(0.005 * 2.0**each for each in range(7))
+DELAYS_S = (0.0, 0.01, 0.02, 0.04, 0.08)
+"""Time constants and delays of valves that are tried first, up to a third and a twelfth of a second."""
+REFINED_OCTAVES = (0.5, 0.25, 0.125, 0.0625, 0.03125)
+"""Steps of the time constant about the best; those of the delay shrink alike, to one sample."""
 MULTIPLES = (1.0, 2.0, 4.0, 8.0)
 """Of a width, over which what a valve's lag does not explain may be smoothed."""
 
@@ -70,30 +72,41 @@ def smooth_driven(signal: Array, drive: Array, step_s: float, width_s: float) ->
     What a lag of the drive does not explain is smoothed alone, of a time constant and a delay that explain most: over
     the width, s, or a multiple of it that predicts samples left out better.
     """
-    from scipy.signal import lfilter, savgol_coeffs
+    from scipy.signal import savgol_coeffs
 
-    best, least = np.zeros_like(signal), np.inf
-    centred = signal - signal.mean()
-    for late_s in DELAYS_S if np.ptp(drive) > 0.0 else ():
-        late = min(round(late_s / step_s), len(drive) - 1)
-        delayed = np.concatenate([np.repeat(drive[:1], late, axis=0), drive[: len(drive) - late]])
-        for tau_s in LAGS_S:
-            kept = np.exp(-step_s / tau_s)
-            lagged = lfilter([0.0, 1.0 - kept], [1.0, -kept], delayed, axis=0, zi=delayed[None, 0])[0]
-            lagged -= lagged.mean()
-            size = float((lagged**2).sum())
-            told = lagged * (float((lagged * centred).sum()) / size if size > 0.0 else 0.0)
-            left = float(((centred - told) ** 2).sum())
-            if left < least:
-                best, least = told, left
-    rest, found, least = signal - best, signal - best, np.inf
+    told = _follow_best(signal, drive, step_s) if np.ptp(drive) > 0.0 else np.zeros_like(signal)
+    rest = found = signal - told
+    least = np.inf
     for wider in MULTIPLES:
         smoothed = smooth(rest, step_s, wider * width_s)
         own = savgol_coeffs(_width_samples(step_s, wider * width_s), 3).max()  # weight of a sample in its own fit
         left = float(((rest - smoothed) ** 2).sum() / (1.0 - own) ** 2)
         if smoothed is not rest and left < least:
             found, least = smoothed, left
-    return best + found
+    return told + found
+
+
+def _follow_best(signal: Array, drive: Array, step_s: float) -> Array:
+    """Return the lag of a drive that explains most of a signal: the best of a grid, which is refined about it."""
+    from scipy.signal import lfilter
+
+    centred, best, least = signal - signal.mean(), np.zeros_like(signal), np.inf
+    at = (0.0, 0)
+    grid = [(np.log2(tau_s), round(late_s / step_s)) for tau_s in LAGS_S for late_s in DELAYS_S]
+    for octaves in (*REFINED_OCTAVES, 0.0):
+        for log_tau, late in dict.fromkeys(grid):
+            kept = np.exp(-step_s / 2.0**log_tau)
+            delayed = drive[np.clip(np.arange(len(drive)) - late, 0, None)]
+            lagged = lfilter([0.0, 1.0 - kept], [1.0, -kept], delayed, axis=0, zi=delayed[None, 0])[0]
+            lagged -= lagged.mean()
+            size = float((lagged**2).sum())
+            told = lagged * (float((lagged * centred).sum()) / size if size > 0.0 else 0.0)
+            left = float(((centred - told) ** 2).sum())
+            if left < least:
+                best, least, at = told, left, (log_tau, late)
+        few = max(round(octaves * DELAYS_S[1] / step_s), 1)
+        grid = [(at[0] + up, max(at[1] + on, 0)) for up in (-octaves, 0.0, octaves) for on in (-few, 0, few)]
+    return best
 
 
 def decimate(signal: Array, factor: int, held: bool = False) -> Array:
