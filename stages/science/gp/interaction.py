@@ -18,6 +18,7 @@ from stages.science.gp.kernel import Array
 from stages.science.gp.knowledge import Choice, Knowledge, Policy, check_muscles, check_trajectories
 from stages.science.gp.leaders import BOUNDED, score_leaders
 from stages.science.gp.marginal import MarginalGP, condition, fit
+from stages.science.gp.posterior import check_data
 from stages.science.gp.scoring import trajectory_utility
 from stages.science.gp.subsample import Displace, check_count, subsample
 from stages.science.gp.task_gain import TaskGain
@@ -85,7 +86,7 @@ class Interaction(Knowledge):
     def _score(self, candidates: Sequence[Array]) -> Array:
         if self.design.utility not in TASK_UTILITIES:
             return super()._score(candidates)
-        check_muscles(len(self.priors), self.tasks)
+        check_muscles(len(self.priors), self.tasks, told="tasks: ")
         return task_utility(self.models, self.tasks, *self._thin(candidates), self.design.utility)
 
     def _score_leaders(self, candidates: Sequence[Array], available: NDArray[np.intp]) -> Array:
@@ -114,7 +115,7 @@ class Interaction(Knowledge):
         A `ValueError` says that there is no such trajectory, or no task.
         """
         thinned, count = self._thin([each[None] for each in self.inputs_of(choice)])
-        check_muscles(len(self.priors), self.tasks)
+        check_muscles(len(self.priors), self.tasks, told="tasks: ")
         return np.array(
             [
                 TaskVariance(model, task).pick(inputs[0], count)[1]
@@ -173,6 +174,8 @@ class Interaction(Knowledge):
         """
         ways: Sequence[Displace | None] = [None] * len(self.priors) if displace is None else displace
         check_muscles(len(self.priors), inputs, outputs, generators, ways)
+        for each in zip(inputs, outputs, strict=True):
+            check_data(*each)
         check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)
         picks = tuple(
             self._pick(muscle, x, y, each, way)

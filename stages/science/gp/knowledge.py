@@ -245,11 +245,11 @@ class Knowledge(ABC):
         return self._score(candidates)
 
 
-def check_muscles(expected: int, *each: Sequence[object]) -> None:
+def check_muscles(expected: int, *each: Sequence[object], told: str = "") -> None:
     """Refuse, by a `ValueError`, values that are not one for each muscle."""
     for values in each:
         if len(values) != expected:
-            raise ValueError(f"expected {expected} muscles, got {len(values)}")
+            raise ValueError(f"{told}expected {expected} muscles, got {len(values)}")
 
 
 def check_trajectories(name: str, trajectories: Sequence[int], candidates: Sequence[Array]) -> None:
