@@ -295,6 +295,12 @@ def test_structs_of_an_array_are_records(look, tmp_path, begins_anew):
     assert "columns.record=versuch" in arguments(look(tmp_path / "x.mat"))
 
 
+def test_a_number_that_marks_what_was_not_read_is_told(look):
+    time, drive, answer = make_run()
+    lines = look({"t": time, "u": drive, "y": np.where(np.arange(len(time)) % 50 == 7, -999.0, answer)})
+    assert any("in y " in each and "values are -999, far from all readings" in each for each in lines)
+
+
 def test_a_folder_of_muscles_needs_no_map(look, tmp_path):
     assert arguments(look(write_dataset(tmp_path / "arm"))) == ["workflow=discrepancy", "plan=true"]
 

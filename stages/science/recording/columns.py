@@ -14,6 +14,10 @@ from stages.science.recording.dates import read_dates
 from stages.science.recording.units import choose_unit, convert
 
 SHOWN_ROWS = 3
+MARKS = (-99.0, -999.0, -9999.0, -99999.0, 999.0, 9999.0, 99999.0, -32768.0, 32767.0, 65535.0)
+"""Numbers that loggers write where nothing was read."""
+FEWEST_VALUES = 10
+"""Different readings beside a mark, from which it is seen how far it is from all of them."""
 TIME = "time_s"
 COUNTED = ", or set measurement.rate_hz (Hz) where no column is time"
 
@@ -115,7 +119,23 @@ def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> p
     infinite = numbers.abs() == np.inf
     if infinite.any():
         raise RecordingError(f"column {values.name}: expected finite numbers, got inf in {name_rows(infinite)}")
+    told = find_mark(numbers)
+    if told:
+        raise RecordingError(f"column {values.name}: {told}; leave empty what was not read")
     return convert(numbers, name, unit)
+
+
+def find_mark(values: pd.Series) -> str:
+    """Return that numbers hold one of the `MARKS`, twice or more and far from all readings; empty if they do not."""
+    for mark in MARKS:
+        marked = values == mark
+        rest = values[~marked].dropna()
+        if marked.sum() < 2 or rest.nunique() < FEWEST_VALUES:
+            continue
+        low, high = float(rest.min()), float(rest.max())
+        if max(low - mark, mark - high) > high - low:
+            return f"{marked.sum()} values are {mark:g}, far from all readings ({low:.4g} to {high:.4g})"
+    return ""
 
 
 def _offer(name: str, known: Sequence[str]) -> str:

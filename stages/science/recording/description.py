@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from stages.science.recording.clock import find_rate
-from stages.science.recording.columns import TIME, RecordingError, adopt
+from stages.science.recording.columns import TIME, RecordingError, adopt, find_mark
 from stages.science.recording.dates import is_dates
 from stages.science.recording.files.delimited import Header
 from stages.science.recording.guessing import Guess, Key, choose_machine, guess_map, pair_parts
@@ -60,7 +60,9 @@ def describe(
     lines += [f"  {name} = {value:g}, a single number" for name, value in header.single.items()]
     lines += ["", *_describe_columns(columns, header.units, guess)]
     lines += ["", *_describe_clock(columns, guess, largest_jitter)]
-    unknown = _describe_unknown(guess, machines)
+    marks = {name: find_mark(values) for name, values in columns.items() if _is_number(values)}
+    unknown = [f"in {name} {told}: left empty, they count as missing" for name, told in marks.items() if told]
+    unknown += _describe_unknown(guess, machines)
     return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
 
 
