@@ -96,10 +96,12 @@ class Ingredients:
             if old.get(name) != self.inputs.get(name):
                 word = "changed" if name in self.inputs else "is no longer there"
                 inputs.append(f"input {name} {word if name in old else 'is new'}")
+        config = _config_differences(record["config"], self.config)
+        counted = {*code, *self.code} if not config else {*code} & {*self.code}  # another configuration has other files
         return {
-            "config": _config_differences(record["config"], self.config),
+            "config": config,
             "input": inputs,
-            "code": [name for name in sorted({**code, **self.code}) if code.get(name) != self.code.get(name)],
+            "code": [name for name in sorted(counted) if code.get(name) != self.code.get(name)],
             "library": _config_differences(record["libraries"], self.libraries),
         }
 

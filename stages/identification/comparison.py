@@ -415,7 +415,8 @@ def advise(compared: pd.DataFrame, tested_on: str, arms: Sequence[str]) -> list[
             "python -m pipeline ARGUMENTS subsampling.experiments=20"
         )
     told.append(
-        "Find which physical effect a textbook simulation of such trials lacks, and models that use it (some minutes): "
+        "See on the simulator how the effect is found that a textbook lacks in such trials, and models that use it "
+        "(some minutes; for trials of a real rig, see docs/naming.md): "
         "python -m pipeline experiment=naming"
     )
     return told

@@ -18,8 +18,13 @@ from stages.science.rig.contract import MEASUREMENT_COLUMNS, Rig, RigError, Watc
 from stages.science.rig.reference import assume_conduct, check_values, gather
 from stages.science.rig.trial import Recording, Trial
 from stages.science.signals.lead_in import leave_out_lead_in
+from stages.science.signals.trajectories import Array
 
 SUFFIXES = (".csv", ".parquet")
+MOST_OFF_KPA = 1.0
+"""Root mean square of recorded commands less those asked for, up to which they are the same, as of a replay."""
+LEAST_ASKED_KPA, LOW_KPA = 40.0, 15.0
+"""Pressure from which a command is one, and below which no pressure follows it but one in another unit."""
 
 
 class TrialRequested(Exception):
@@ -66,7 +71,11 @@ class ManualRig(Rig):
         found = [stem.with_suffix(suffix) for suffix in SUFFIXES if stem.with_suffix(suffix).exists()]
         if not found:
             raise TrialRequested(self._ask(trial, stem.with_suffix(".csv")))
-        return self._read(found[0])
+        recording = self._read(found[0])
+        problem = _compare(recording, trial.pressure_command_kpa)
+        if problem:
+            raise RigError(f"{found[0]}: {problem}")
+        return recording
 
     def _ask(self, trial: Trial, path: Path) -> dict[str, Any]:
         shown = [] if trial.reference_rad is None else zip(self.joints, trial.reference_rad.T.tolist(), strict=True)
@@ -117,4 +126,30 @@ class ManualRig(Rig):
             )
         if len(since) != self.samples or times.min() < len(self.muscles):
             raise RigError(f"{path}: expected the same {self.samples} times for every muscle, got {len(since)} times")
+        step_s = 1.0 / self.sampling_rate_hz
+        if np.abs(since.index.to_numpy() - step_s * np.arange(self.samples)).max() > step_s:
+            raise RigError(
+                f"{path}: expected samples from 0 to {step_s * (self.samples - 1):g} s, {self.sampling_rate_hz:g} in a "
+                f"second, got them from {since.index[0]:g} to {since.index[-1]:g} s"
+            )
         return gather(frame, self)
+
+
+def _compare(recording: Recording, asked_kpa: Array) -> str:
+    """Return how pressures of a recording contradict the commands that were asked for, (T, M); empty if they do not."""
+    counted = recording.time_s >= 0.0
+    applied, measured = recording.pressure_command_kpa[counted], recording.pressure_kpa[counted]
+    off = (applied - asked_kpa)[recording.clipped_by[counted] == ""]
+    rms = float(np.sqrt(np.mean(off**2))) if off.size else 0.0
+    if rms > MOST_OFF_KPA:
+        return (
+            f"expected in pressure_command_kpa what was asked for, within {MOST_OFF_KPA:g} kPa RMS where clipped_by is "
+            f"empty, got {rms:.3g} kPa off; record the trial that was asked for, or say what clipped it"
+        )
+    most, top = float(asked_kpa.max()), float(measured.max())
+    if most > LEAST_ASKED_KPA and top < LOW_KPA:
+        return (
+            f"expected pressures in kPa gauge that follow those asked for, of up to {most:.0f} kPa, got none above "
+            f"{top:.3g}; if they are in bar, write them in kPa"
+        )
+    return ""

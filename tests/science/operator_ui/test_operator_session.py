@@ -270,6 +270,16 @@ def test_a_stop_right_after_the_decision_is_heard(run, countdown_s):
     assert scenes[1]["stop"] == ""
 
 
+def test_a_note_that_is_no_text_is_written_out_and_loses_no_trial(run):
+    session = make_session()
+
+    def answer(scene):
+        session.decide("pause", " f\udcfcr ", scene["question"])
+
+    (paused,) = run(session, proposed=answer).ended
+    assert str(paused).endswith("(f?r)")
+
+
 @pytest.mark.parametrize(("after_s", "phase"), [(0.5, "proposed"), (0.65, "judging"), (0.8, "judging")])
 def test_a_stop_of_trials_that_follow_by_themselves_is_heard(run, turned, after_s, phase):
     """It comes in the second one's countdown, while muscles are filled for it, or within it."""

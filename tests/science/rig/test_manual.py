@@ -95,6 +95,22 @@ def test_a_filling_is_read_back_whole_or_left_out(operator, trial):
             lambda frame: frame.assign(time_s=frame["time_s"] + 0.001 * (frame["muscle"] == "pam1")),
             "expected the same 1000 times for every muscle, got 2000 times",
         ),
+        (
+            lambda frame: frame.assign(time_s=2.0 * frame["time_s"]),
+            r"from 0 to 3.996 s, 250 in a second, .* 7.992",
+        ),
+        (
+            lambda frame: frame.assign(time_s=frame["time_s"] + 100.0),
+            "got them from 100 to 103.996 s",
+        ),
+        (
+            lambda frame: frame.assign(pressure_kpa=frame["pressure_kpa"] / 100.0),
+            "none above .*; if they are in bar",
+        ),
+        (
+            lambda frame: frame.assign(pressure_command_kpa=frame["pressure_command_kpa"] + 50.0),
+            "what was asked for, within 1 kPa RMS where clipped_by is empty, got 50 kPa off",
+        ),
     ],
 )
 def test_refuses_what_was_not_asked_for(operator, trial, told, spoil, message):
