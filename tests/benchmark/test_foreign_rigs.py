@@ -63,7 +63,10 @@ def still():
 
 
 def test_the_rigs_own_catalogue_and_sessions_are_as_before():
-    names = "\n".join(each.name for each in default_catalogue())
+    added = {f"none-{number}" for number in range(1060, 1100)}
+    whole = [each.name for each in default_catalogue()]
+    assert added < {*whole}
+    names = "\n".join(name for name in whole if name not in added)
     assert hashlib.sha256(names.encode()).hexdigest()[:16] == "c7d79171036bd18c"
     for name, before in BEFORE.items():
         made = simulate(replace(named_scenario(name), trials=2))

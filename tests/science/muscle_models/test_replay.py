@@ -145,7 +145,7 @@ def test_recordings_of_other_movements_are_refused_and_those_of_its_own_tell_the
 
 
 def test_no_movement_left_is_said(replay):
-    with pytest.raises(ValueError, match="expected a trajectory that was not executed yet"):
+    with pytest.raises(ValueError, match="neither executed yet nor excluded"):
         run(replay, trials=6)
     assert len(run(replay, trials=6, reuse_trajectories=True)) == 7
 
