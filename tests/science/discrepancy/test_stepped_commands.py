@@ -73,12 +73,11 @@ def make_session(rng, slew_kpa_per_s):
 @pytest.mark.parametrize("slew_kpa_per_s", [np.inf, 1000.0], ids=["jumps", "ramps"])
 def test_what_smoothing_leaves_is_noise_also_where_a_command_jumps(slew_kpa_per_s, generator):
     command, pressure = drive(generator, slew_kpa_per_s)
-    noisy = pressure + 0.4 * generator.standard_normal(pressure.shape)
-    plain, driven = (
-        found - pressure for found in (smooth(noisy, STEP_S, 0.044), smooth_driven(noisy, command, STEP_S, 0.044))
-    )
-    assert np.abs(driven).max() < 0.4 * np.abs(plain).max()
-    assert np.sqrt(np.mean(driven**2)) < 0.6 * np.sqrt(np.mean(plain**2))
+    noise = 0.4 * generator.standard_normal(pressure.shape)
+    left = smooth_driven(pressure + noise, command, STEP_S, 0.044) - pressure
+    noise_alone = smooth(noise, STEP_S, 0.044)
+    assert np.sqrt(np.mean(left**2)) < 1.02 * np.sqrt(np.mean(noise_alone**2))
+    assert np.abs(left).max() < 1.2 * np.abs(noise_alone).max()
 
 
 def test_without_a_drive_a_pulse_stays(generator):
