@@ -387,10 +387,13 @@ class Runner:
     def _refuse(self, ledger: Ledger, error: OSError) -> int:
         where = _file_within(ledger.folder, error) or ledger.folder
         remedy = "make room" if error.errno in NO_ROOM else "make it writable or move it away"
-        complain(
-            f"cannot write to {where}: {os.strerror(error.errno or errno.EIO)}; what was finished is kept; "
-            f"{remedy}, then type: {command_line(self.arguments)}"
-        )
+        reason = f"cannot write to {where}: {os.strerror(error.errno or errno.EIO)}"
+        complain(f"{reason}; what was finished is kept; {remedy}, then type: {command_line(self.arguments)}")
+        at_work = [record for record in ledger.records.items() if record[1]["status"] == "running"]
+        for _, record in at_work:
+            record["status"] = "failed"
+        with suppress(OSError):  # the reason is short, and may find room where a table did not
+            ledger.end("failed", {"stage": at_work[-1][0] if at_work else "-", "message": reason})
         return 1
 
     def _print_step(self, step: Step) -> None:

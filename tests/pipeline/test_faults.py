@@ -90,6 +90,7 @@ def test_full_disk(toy):
     assert line.endswith("doubling.fail_at=0")
     assert tables_of(toy.runs[0]) == {}
     assert not find_temporaries(toy)
+    assert f"{toy.runs[0].name}   failed" in toy.review("list").stdout
     assert f"resuming {toy.runs[0]}" in toy(*arguments).stdout
     assert len(pd.read_parquet(toy.runs[0] / "tables/numbers.parquet")) == 30000
 
