@@ -143,7 +143,7 @@ def _search(cfg: Config, ctx: Context, name: str) -> dict[str, pd.DataFrame]:
         **_measure(judged, recorded.truth, ctx.generator(name, "told")),
     }
     named, suspected = judged.decision.effects, judged.decision.suspected
-    said = list_named([*named, *suspected], judged.found.named)
+    said = list_named([*named, *suspected], judged.found.rounds)
     rows: dict[str, Any] = {
         BLIND_SESSIONS.name: [row],
         BLIND_TRUTH.name: _list_hidden(recorded.truth),

@@ -28,7 +28,7 @@ from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import list_signals
 from stages.science.recording.assembly import READINGS, Notes, note_missing
-from stages.science.recording.blocks import arrange_records, list_blocks, split_records
+from stages.science.recording.blocks import arrange_records, begins_anew, list_blocks, split_records
 from stages.science.recording.clock import count_time
 from stages.science.recording.column_map import ColumnMap, is_one_trial, join_parts
 from stages.science.recording.columns import RecordingError, check_rows, name_rows
@@ -366,6 +366,9 @@ def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
     signals = [name for name in cfg.columns if name not in NAMES and name != "time_s"]
     given = cfg.measurement
     notes = note_reading(file, cfg, known)
+    anew = frame["part"].eq(frame["part"].shift()) & begins_anew(frame)
+    if anew.any() and (cfg.columns.get("record") or "record") not in read_header(file).names:
+        notes.append(("time_s", f"begins anew in {name_rows(anew)}, as another record"))
     with about(str(file)):
         notes += note_missing(frame, signals)
         frame = even_out(frame, signals, given.largest_jitter, notes)

@@ -134,8 +134,8 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
     rows: list[list[Any]] = [
         rank_first(found, decision.doubts, settings.report.most_confounded),
         [{name: getattr(decision, name) for name in DECISION.columns}],
-        list_named(decision.effects, found.named),
-        list_named(decision.suspected, found.named),
+        list_named(decision.effects, found.rounds),
+        list_named(decision.suspected, found.rounds),
         left,
         list_steps(decision.steps),
     ]

@@ -150,7 +150,8 @@ def verify_gap(
     counted = {(QUANTISATION, each.channel, each.element) for each in taken if each.find_counts({}) is not None}
     places = locate_most(gap, channels, named, settings)
     maps = opened.measure_maps(learned, last, test)
-    candidates = ranking.loc[ranking["round"] == 1, ["name", "probability", "heldout_gap", "absorbed"]]
+    first = min((number for number in named["round"] if number > 0), default=1)
+    candidates = ranking.loc[ranking["round"] == first, ["name", "probability", "heldout_gap", "absorbed"]]
     verdict: dict[str, Any] = {
         "status": status,
         "missing_probability": float(found.decision["missing"].iloc[0]),

@@ -134,8 +134,9 @@ def test_records_of_unequal_length_share_the_blocks_by_their_length(tmp_path):
     tables = read_runs(tmp_path, *(make_record(n, phase=k, run=k) for k, n in enumerate([800, 400, 400])))
     assert tables["measured_trials"].groupby("record").size().to_dict() == {"0": 8, "1": 4, "2": 4}
     assert set(tables["measured_trials"]["samples"]) == {100}
-    told = refuse_measured(tmp_path, tmp_path / "runs.parquet", *MAP)
-    assert "tell what begins anew there apart: set columns.record=NAME" in told
+    counted = read_measured(tmp_path, tmp_path / "runs.parquet", *MAP)  # time begins anew in each
+    assert counted["measured_trials"].groupby("record").size().to_dict() == {"given": 8, "given_2": 4, "given_3": 4}
+    assert "begins anew in rows 800, 1200, as another record" in list(counted["measured_notes"]["note"])
 
 
 def test_many_records_are_trials_and_runs_that_are_counted_anew_in_each_part_are_kept_apart(tmp_path):

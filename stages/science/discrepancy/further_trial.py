@@ -60,7 +60,9 @@ def choose_next(
     found = search(prepared, settings.search, starts)
     decision = decide(found, settings, signs)
     ranking = pd.DataFrame(rank_first(found, decision.doubts, settings.report.most_confounded))
-    named = pd.DataFrame(list_named(decision.effects, found.named), columns=["round", "name", "indistinguishable_from"])
+    named = pd.DataFrame(
+        list_named(decision.effects, found.rounds), columns=["round", "name", "indistinguishable_from"]
+    )
     question = choose_round(ranking, named, given.rivals, given.least_probability)
     weighed = None
     if question is not None:

@@ -7,7 +7,7 @@ import numpy as np
 
 from stages.science.discrepancy.evidence import NONE
 from stages.science.discrepancy.fitted_channel import Fitted
-from stages.science.discrepancy.naming import Named
+from stages.science.discrepancy.naming import Named, Round
 from stages.science.discrepancy.search import Search
 
 UNKNOWN = "unknown"
@@ -46,12 +46,12 @@ def rank_first(found: Search, doubts: Sequence[Mapping[str, float]], most_confou
     return rows
 
 
-def list_named(named: Sequence[Named], added: Sequence[Named]) -> list[dict[str, Any]]:
+def list_named(named: Sequence[Named], looked: Sequence[Round]) -> list[dict[str, Any]]:
     """Return a row for each effect and each muscle that carries it, in the order of addition.
 
-    `added` are those of the search, one a round. The round of an effect is 0 where exact values show it.
+    The round of an effect is that of those `looked` that named it, 0 where exact values show it.
     """
-    rounds = {_identify(each): number for number, each in enumerate(added, start=1)}
+    rounds = {_identify(each.named): number for number, each in enumerate(looked, start=1) if each.named}
     return [
         {
             "order": order,

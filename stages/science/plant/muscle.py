@@ -15,9 +15,9 @@ from stages.science.signals.trajectories import Array
 class MuscleConstants(NamedTuple):
     """Constants of K muscles, (K,) arrays, as compiled code takes them.
 
-    `area_n_per_kpa` is the nominal area; `area_factor` makes it the effective one. `full_force_n`, of which effects have
-    their share, is that of the nominal area, without `area_factor`, at the largest pressure and rest length, but of the
-    braid's own angle: beside another angle the same share is another force.
+    `area_n_per_kpa` is the nominal area; `area_factor` makes it the effective one. `full_force_n`, of which effects
+    have their share, is that of the nominal area, without `area_factor`, at the largest pressure and rest length, but
+    of the braid's own angle: beside another angle the same share is another force.
     """
 
     area_n_per_kpa: Array

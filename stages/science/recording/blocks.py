@@ -19,6 +19,9 @@ MANY = 6
 """Records of a part from which each is a trial: blocks of one share its zero and gain, so that they are no trials of
 their own. With fewer, no two-sided test of signs at 95 % can be significant (2 / 2**5 > 0.05)."""
 
+AT_START = 10.0
+"""Steps from the first sample within which time begins anew if it goes back there."""
+
 WHOLE, PROPOSED = "given", "proposed"
 """Part of a record in a file that has no parts."""
 
@@ -26,17 +29,31 @@ WHOLE, PROPOSED = "given", "proposed"
 def split_records(frame: pd.DataFrame) -> pd.DataFrame:
     """Return the frame with ``record`` and ``part`` in every row.
 
-    A record is a value of ``record`` where there is such a column, and else a run of rows of one ``part``: what follows
-    in another part begins anew. The second run of a part is another record. Records that are counted anew in each part
-    are named after both.
+    A record is a value of ``record`` where there is such a column, and else a run of rows of one ``part`` in which time
+    does not begin anew: what follows in another part begins anew. The second run of a part is another record. Records
+    that are counted anew in each part are named after both.
     """
     part = frame["part"] if "part" in frame else pd.Series(WHOLE, index=frame.index)
     if "record" in frame:
         anew = part.groupby(frame["record"]).nunique().gt(1).any()
         return frame.assign(record=part + " " + frame["record"] if anew else frame["record"], part=part)
-    begins = part.ne(part.shift())
+    begins = part.ne(part.shift()) | begins_anew(frame)
     run = begins.groupby(part).cumsum()
     return frame.assign(record=part.where(run == 1, part + "_" + run.astype(str)), part=part)
+
+
+def begins_anew(frame: pd.DataFrame) -> NDArray[np.bool_]:
+    """Return in which rows time begins anew: goes back to where it began, or on by more than all that was recorded.
+
+    So it does where a logger was started again. Where it goes back to elsewhere, rows are out of order.
+    """
+    if "time_s" not in frame or len(frame) < 3:
+        return np.zeros(len(frame), dtype=bool)
+    time = frame["time_s"].to_numpy(dtype=float)
+    steps = np.diff(time, prepend=time[0])
+    usual = float(np.nanmedian(steps[1:]))
+    back = (steps < 0.0) & (time - time[0] <= AT_START * abs(usual))
+    return np.asarray(back | ((steps > len(time) * usual) & (usual > 0.0)))
 
 
 def number_blocks(frame: pd.DataFrame, blocks: int) -> Array:

@@ -11,7 +11,10 @@ import pandas as pd
 
 from stages.science.recording.columns import RecordingError, name_rows
 from stages.science.recording.units import known_units
+from stages.science.signals.trajectories import Array
 
+EPOCHS = {"ns": 1e17, "us": 1e14, "ms": 1e11}
+"""By unit, from where on numbers are dates in it: those in seconds would be after the year 5000."""
 SAME_RATE = 0.01
 """Relative difference of two rates that are the same."""
 
@@ -23,6 +26,12 @@ def count_time(frame: pd.DataFrame, stream: Sequence[str], rate_hz: float) -> pd
     return frame.assign(time_s=count / rate_hz)
 
 
+def find_epoch_unit(time: Array) -> str | None:
+    """Return the unit in which numbers too large for seconds since 1970 would be dates; None where they are not."""
+    latest = float(np.nanmax(np.abs(time), initial=0.0))
+    return next((unit for unit, least in EPOCHS.items() if latest > least), None)
+
+
 def find_rate(frame: pd.DataFrame, stream: Sequence[str], stated_hz: float | None) -> float:
     """Return samples per second: as stated, if the times agree, else what the times say.
 
@@ -31,6 +40,12 @@ def find_rate(frame: pd.DataFrame, stream: Sequence[str], stated_hz: float | Non
     steps = frame.groupby(list(stream), sort=False)["time_s"].diff().dropna()
     if steps.empty:
         raise RecordingError("column time_s: expected at least two samples of something, got one of each")
+    epoch = find_epoch_unit(frame["time_s"].to_numpy(dtype=float))
+    if epoch is not None:
+        latest = float(frame["time_s"].max())
+        raise RecordingError(
+            f"column time_s: expected seconds, got {latest:.4g}, later than any date; set units.time_s={epoch}"
+        )
     usual = float(steps.median())
     if usual <= 0.0:
         raise RecordingError("column time_s: expected time that goes on, got the same time again and again")

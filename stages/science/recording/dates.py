@@ -6,6 +6,7 @@ by the sign between them, by a number above 12, or by AM and PM; where it matter
 
 import pandas as pd
 
+DAY_S = 86400.0
 ISO = r"\d{4}-\d{2}-\d{2}"
 CLOCK = r"(?P<hour>\d{1,2}):(?P<minute>\d{2})(?::(?P<second>\d{2}(?:[.,]\d+)?))?(?: ?(?P<half>[AaPp])\.?[Mm]\.?)?"
 DAY = r"(?P<first>\d{1,2})(?P<sign>[./-])(?P<other>\d{1,2})(?P=sign)(?P<year>\d{4})"
@@ -53,7 +54,11 @@ def _read_iso(text: pd.Series) -> pd.Series | None:
 
 
 def _read_clock(text: pd.Series) -> pd.Series | None:
-    return _since_midnight(text.str.extract(f"^{CLOCK}$")) if text.str.fullmatch(TIME_OF_DAY).all() else None
+    """Return times of day; one half a day or more before the one above it is of the next day."""
+    if not text.str.fullmatch(TIME_OF_DAY).all():
+        return None
+    told = _since_midnight(text.str.extract(f"^{CLOCK}$"))
+    return told + pd.to_timedelta((told.diff().dt.total_seconds() < -0.5 * DAY_S).cumsum(), unit="D")
 
 
 def _read_written(text: pd.Series) -> pd.Series | None:

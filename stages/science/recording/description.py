@@ -10,7 +10,8 @@ from collections.abc import Mapping, Sequence
 import numpy as np
 import pandas as pd
 
-from stages.science.recording.clock import find_rate
+from stages.science.recording.blocks import begins_anew, split_records
+from stages.science.recording.clock import find_epoch_unit, find_rate
 from stages.science.recording.columns import TIME, RecordingError, adopt, find_mark
 from stages.science.recording.dates import is_dates
 from stages.science.recording.files.delimited import Header
@@ -61,7 +62,11 @@ def describe(
     lines += ["", *_describe_columns(columns, header.units, guess)]
     lines += ["", *_describe_clock(columns, guess, largest_jitter)]
     marks = {name: find_mark(values) for name, values in columns.items() if _is_number(values)}
-    unknown = [f"in {name} {told}: left empty, they count as missing" for name, told in marks.items() if told]
+    unknown = [
+        f"in {name} {told}: leave them empty in the file, so that they count as missing"
+        for name, told in marks.items()
+        if told
+    ]
     unknown += _describe_unknown(guess, machines)
     return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
 
@@ -91,6 +96,9 @@ def _guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], s
     numbers = [name for name, values in filled.items() if _is_number(values) or name in dates]
     texts = [name for name in filled if name not in numbers]
     guess = guess_map(numbers, texts, units, single, sorted(dates, key=lambda each: -columns[each].nunique()))
+    epoch = find_epoch_unit(numeric.get(guess.columns.get(TIME, ""), np.zeros(1)))
+    if epoch is not None and TIME not in guess.units:
+        guess.units[TIME] = epoch
     if not guess.muscles and not guess.endings:
         _separate_records(guess, columns)
     if "part" in guess.columns:
@@ -131,6 +139,9 @@ def _describe_clock(columns: Mapping[str, pd.Series], guess: Guess, largest_jitt
         found = adopt(frame, {name: guess.columns[name] for name in chosen}, guess.units, names, [])
     except RecordingError as error:
         return [str(error)]
+    if TIME in found and not guess.muscles and "record" not in names and begins_anew(found).any():
+        found = split_records(found).drop(columns=[] if "part" in names else "part")
+        names = [*names, "record"]
     stream = [name for name in names if name != "part"] or (["part"] if "part" in names else [])
     lines = [_describe_groups(found, "trial" if guess.muscles else "record"), _describe_groups(found, "part")]
     if TIME in found:
@@ -265,7 +276,7 @@ def _describe_steps(told: pd.DataFrame, stream: Sequence[str], largest_jitter: f
     if steps.empty:
         return "one sample of each record"
     if (steps < 0.0).any():
-        return "goes back; if records follow each other, tell them apart: columns.record=NAME"
+        return "goes back; sort the rows or, if a column tells records apart, type columns.record=NAME"
     usual = float(steps.median())
     rounded = None if muscles else _find_rounded([each.to_numpy(dtype=float) for _, each in records], largest_jitter)
     if rounded is not None:

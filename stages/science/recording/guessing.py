@@ -26,7 +26,7 @@ TIMES = (
     "datetime",
     "x_value",
 )
-SECONDS = ("sec", "secs", "second", "seconds", "ms", "msec", "us", "usec")
+SECONDS = ("sec", "secs", "second", "seconds", "ms", "msec", "us", "usec", "ns", "nsec")
 """Names of a column of time that are its unit as well."""
 RECORDS = ("record", "rec", "run", "trial", "experiment", "exp", "repetition", "rep", "cycle", "segment", "test", "nr")
 STEPS, RATES = ("ts", "dt", "sampling_time", "sample_time", "t_sample"), ("fs", "rate", "sampling_rate", "sample_rate")
@@ -225,7 +225,9 @@ def _name_unit(name: str) -> str | None:
 
 def _take_signals(guess: Guess, rest: Sequence[str], plain: Mapping[str, str], units: Mapping[str, str]) -> None:
     for column in rest:
-        unit = _read(column, units).unit or _name_unit(plain[column])
+        unit = _read(column, units).unit or (
+            _name_unit(plain[column]) if FIELD.sub(r"\1", column).isidentifier() else None
+        )
         role = "input" if plain[column] in INPUTS else "output" if plain[column] in OUTPUTS else None
         role = None if role is None or getattr(guess, role) else role
         if unit is None and role is None:

@@ -25,13 +25,18 @@ BETWEEN = re.compile(r"\s+in\s+|\s*[/,;]\s*|[\s_.]+|(?<=\w)(?=[%°])")
 """Separators between a quantity and its unit."""
 LABELS = ("record", "part", "trial", "muscle")
 """Columns that label rows, whatever unit their headings state."""
+SYMBOLS = ("n", "v", "a", "w")
+"""Letters after a blank that are symbols of a quantity, as in ``Drehzahl n``; the units are capitals."""
 SIGNS = ("in", "/", ",", ";")
 """Separators after which a unit is unmistakable."""
 NAMES_BESIDES = ("k", "g", "w", "a", "in", "-")
 """Endings that are more often part of a name than a unit."""
 ONLY_IN_COMPOUNDS = re.compile("l|ml|h|J|kJ|mol|lb|ft|oz|ohm|rev|inc|counts|dB|m2|m3")
 """Pieces of compound units that cannot be converted."""
-CLOCK = re.compile(r"(.*[\W_])?(t|\w*time\w*|\w*zeit\w*|temps|elapsed|duration|delay)", re.IGNORECASE)
+CLOCK = re.compile(
+    r"(.*[\W_])?(t|dt|tau|\w*time\w*|\w*zeit\w*|temps|elapsed|\w*duration|dauer|\w*delay|lag|period|\w*stamp|clock)",
+    re.IGNORECASE,
+)
 """Names of quantities in units of time; after other names, a unit of time is part of a compound unit."""
 
 
@@ -52,7 +57,8 @@ def read_heading(text: str, told: str = "") -> Heading:
         return Heading(found.group(1), unit, True)
     for gap in BETWEEN.finditer(text):
         name, end, sign = text[: gap.start()], text[gap.end() :].strip(), gap.group().strip()
-        unit = _read_end(end, sign in SIGNS) if name else None
+        symbol = gap.group().isspace() and end in SYMBOLS
+        unit = _read_end(end, sign in SIGNS) if name and not symbol else None
         if unit is not None:
             known = not _is_compound(name, unit, gap.group())
             return Heading(name, unit, sign in SIGNS or len(end) > 1) if known else Heading(text, None, False)
@@ -76,9 +82,12 @@ def _is_compound(name: str, unit: str, gap: str) -> bool:
     own = read_unit(piece)
     if ONLY_IN_COMPOUNDS.fullmatch(piece) or (piece == "n" and kind == "length"):  # a small n is one of force there
         return True
+    if re.search(r"\bin [\d.,^x-]+$", name):  # a factor, as in ``Kraft in 10 N``
+        return True
     if own is not None and piece in (own, own.replace(" ", ""), *OTHER_SPELLINGS):
         return True
-    return kind == "time" and (gap == "/" or unit == "min") and not CLOCK.fullmatch(name)
+    loose = gap.strip(" _.") == "" and unit == "s"
+    return kind == "time" and (gap == "/" or unit == "min" or loose) and not CLOCK.fullmatch(name)
 
 
 def check_headings(

@@ -19,7 +19,7 @@ KINDS: dict[str, dict[str, float]] = {
         "bar": 100.0,
         "psi": 6.894757293168361,
     },
-    "time": {"s": 1.0, "us": 1e-6, "ms": 1e-3, "min": 60.0},
+    "time": {"s": 1.0, "ns": 1e-9, "us": 1e-6, "ms": 1e-3, "min": 60.0},
     "angle": {"rad": 1.0, "deg": math.pi / 180.0},
     "angular velocity": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
     "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254},

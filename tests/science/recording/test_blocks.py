@@ -20,6 +20,19 @@ def test_each_run_of_a_part_is_a_record_and_a_column_of_records_is_believed():
     assert found["part"].eq("given").all()
 
 
+@pytest.mark.parametrize(
+    ("times", "records"),
+    [
+        ([0, 1, 2, 0, 1, 2, 3], "given given given given_2 given_2 given_2 given_2"),
+        ([0, 1, 2, 90, 91, 92, 93], "given given given given_2 given_2 given_2 given_2"),
+        ([0, 1, 2, 6, 7, 8, 9], " ".join(["given"] * 7)),
+        ([*range(20), 18, *range(20, 40)], " ".join(["given"] * 41)),
+    ],
+)
+def test_a_record_begins_where_time_begins_anew_and_not_at_a_gap_or_where_rows_are_out_of_order(times, records):
+    assert split_records(pd.DataFrame({"time_s": np.array(times, dtype=float)}))["record"].tolist() == records.split()
+
+
 @pytest.mark.parametrize("sizes", [[100], [16, 33, 1000], [5, 40]])
 def test_blocks_partition_every_record_evenly_and_in_order(sizes):
     records = split_records(frame("".join(letter * size for letter, size in zip("abc", sizes, strict=False))))

@@ -47,6 +47,13 @@ def test_jitter_is_refused_with_its_rows():
         regularise(stream(np.array([0.0, 0.01, 0.012, 0.022])), "trial", ["muscle"], 100.0, 0.4)
 
 
+@pytest.mark.parametrize(("scale", "unit"), [(1e3, "ms"), (1e6, "us"), (1e9, "ns")])
+def test_dates_that_are_no_seconds_are_refused_with_their_unit(scale, unit):
+    rows = pd.DataFrame({"record": "", "time_s": scale * (1.76e9 + 0.1 * np.arange(9))})
+    with pytest.raises(RecordingError, match=f"later than any date; set units.time_s={unit}$"):
+        find_rate(rows, ["record"], None)
+
+
 @pytest.mark.parametrize("times", [[0.0], [1.0, 1.0, 1.0]])
 def test_a_clock_that_does_not_run_is_refused(times):
     with pytest.raises(RecordingError, match="column time_s: expected"):

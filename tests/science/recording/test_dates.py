@@ -23,6 +23,8 @@ from stages.science.recording.dates import read_dates
         ("05-06-2026 10:00:00", "05-06-2026 10:00:03", 3.0),
         ("08:30:00", "08:30:00,5", 0.5),
         ("11:59:59 AM", "12:00:00 PM", 1.0),
+        ("23:59:59.5", "00:00:00.25", 0.75),
+        ("12:00:01", "12:00:00", -1.0),
     ],
 )
 def test_dates_are_seconds_from_the_first(first, second, passed):

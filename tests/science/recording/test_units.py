@@ -88,8 +88,9 @@ def test_headings_state_their_units(heading, name, unit):
 
 def test_other_headings_are_names():
     compound = "k_N/mm, k N/mm, k [N/mm], c_kN/m, c_kN_m, k_n_mm, k_Nm/rad, K/(N/mm), ramp_K/min, Q_gal/min, Q_nl_min"
+    symbols = "Drehzahl n, Weg s, i_a_s, p_s, Kraft in 10 N, Force [x10 N]"
     names = "u, m, valve_in, gain_k, power_J/s, m_kg/s, frames/s, Level -, p_min, note (old)"
-    for heading in f"{compound}, {names}".split(", "):
+    for heading in f"{compound}, {symbols}, {names}".split(", "):
         assert read_heading(heading)[:2] == (heading, None)
 
 
@@ -99,7 +100,7 @@ def test_other_headings_are_names():
         ("flow_m3_s", "l/min", "no unit 'l/min' for a name that ends in s; name the signal flow_m3_per_s, with"),
         ("v_m_s", "mm/s", "no unit 'mm/s' for a name that ends in s; name the signal v_m_per_s, with per for /"),
         ("flow_l_min", "m3/h", "no unit 'm3/h' for a name that ends in min; name the signal flow_l_per_min, with per"),
-        ("delay_s", "l/min", "no unit 'l/min'; choose from: s, us, ms, min"),
+        ("delay_s", "l/min", "no unit 'l/min'; choose from: s, ns, us, ms, min"),
         ("speed", "mm/s", "for a name that ends in no unit; name the signal speed_m_per_s"),
     ],
 )

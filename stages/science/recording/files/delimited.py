@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.science.recording.units import KINDS, read_unit
+from stages.science.recording.units import KINDS, ZEROS, find_kind, read_unit
 
 SEPARATORS = ("\t", ";", ",", "|", "")
 """Between columns, the first of equals first; the empty one stands for blanks."""
@@ -72,8 +72,12 @@ class Header:
 
 @dataclass(frozen=True)
 class _Column:
-    """A column of fields: their numbers, which of them are numbers, moments and missing, and units of some by place."""
+    """A column of fields: their numbers, which of them are numbers, moments and missing, and units of some by place.
 
+    A column may have another decimal sign than the others.
+    """
+
+    decimal: str
     numbers: NDArray[np.generic]
     is_number: NDArray[np.bool_]
     is_moment: NDArray[np.bool_]
@@ -83,13 +87,26 @@ class _Column:
     @property
     def told(self) -> bool:
         """Whether it is one of numbers or moments, as most of its fields are."""
-        return bool((self.is_number | self.is_moment).sum() >= 0.5 * (~self.missing).sum())
+        known = int((self.is_number | self.is_moment).sum())
+        return known > 0 and known >= 0.5 * int((~self.missing).sum())
 
-    def tell_unit(self, kept: NDArray[np.int_]) -> str:
-        """Return the unit that kept fields hold, if all that hold one hold the same."""
-        own = {*map(int, kept)} if self.units else set()
-        found = {unit for place, unit in self.units.items() if place in own}
-        return found.pop() if len(found) == 1 else ""
+    def keep(self, kept: NDArray[np.int_]) -> tuple["_Column", str]:
+        """Return the column's kept fields, and the unit that they hold: numbers in the commonest of one kind's."""
+        at = {int(place): k for k, place in enumerate(kept)} if self.units else {}
+        units = {at[place]: unit for place, unit in self.units.items() if place in at}
+        numbers, is_number = self.numbers[kept], self.is_number[kept]
+        counted = Counter(units.values()).most_common()
+        if len(counted) > 1:
+            kind, (usual, _) = KINDS[find_kind(counted[0][0])], counted[0]
+            if {*ZEROS} & {*units.values()} or not {*units.values()} <= {*kind} or len(units) < is_number.sum():
+                told = " and ".join(unit for unit, _ in counted)
+                raise ValueError(
+                    f"expected values of one unit in a column, got {told}, or some without; write it in one"
+                )
+            for place, unit in units.items():
+                numbers[place] *= kind[unit] / kind[usual]
+        moments, missing = self.is_moment[kept], self.missing[kept]
+        return _Column(self.decimal, numbers, is_number, moments, missing, units), counted[0][0] if counted else ""
 
 
 def read_delimited(path: Path) -> tuple[pd.DataFrame, Header]:
@@ -99,7 +116,7 @@ def read_delimited(path: Path) -> tuple[pd.DataFrame, Header]:
     separator, decimal, width = _choose(lines)
     places, fields = _split_all(lines, separator, width)
     columns = [_read_column(fields[name], decimal) for name in fields]
-    if not any(each.told and (each.is_number | each.is_moment).any() for each in columns):
+    if not any(each.told for each in columns):
         raise ValueError(
             f"expected rows of numbers, got {next(filter(str.strip, lines), '').strip()[:SHOWN]!r} and the like"
         )
@@ -109,13 +126,17 @@ def read_delimited(path: Path) -> tuple[pd.DataFrame, Header]:
         raise ValueError("expected two rows of numbers or more, got one")
     ended = bool(columns[-1].missing[kept].all())
     names, units, above = _find_heads(lines[:first], (separator, decimal), width, ended)
-    dropped = _describe_odd(lines, {*map(int, rows)}, (first, last), separator, width, decimal)
+    dropped = _describe_odd(lines, {*map(int, rows)}, (first, last), (separator, decimal, width), (names, units))
     told = _name(names, columns, kept)
-    frame = pd.DataFrame({name: _settle(columns[k], fields[k], kept) for k, name in told.items()})
-    own = {name: columns[k].tell_unit(kept) or (units[k] if units else "") for k, name in told.items()}
+    settled = {name: columns[k].keep(kept) for k, name in told.items()}
+    frame = pd.DataFrame({name: _settle(settled[name][0], fields[k].iloc[kept]) for k, name in told.items()})
+    own = {name: settled[name][1] or (units[k] if units else "") for k, name in told.items()}
+    others = [name for name, (column, _) in settled.items() if column.decimal != decimal]
     remarks = {
         f"columns separated by {SAID[separator]}": separator != "," and width > 1,
         "decimal commas": decimal == "," and any(each.told for each in columns),
+        f"{'points, not commas,' if decimal == ',' else 'commas, not points,'} before decimals, and the other before "
+        f"thousands, in {', '.join(others)}": bool(others),
         f"a row of units: {', '.join(units)}": any(units),
         "no names of columns, which are counted: column_1, column_2, ...": not names,
         "characters of Windows (cp1252)": encoding == "cp1252",
@@ -141,9 +162,9 @@ def _decode(path: Path) -> tuple[str, str]:
             break
         except UnicodeDecodeError:
             if encoding != "utf-8-sig":
-                raise
+                raise ValueError("it is no text in UTF-8, UTF-16 or Windows' cp1252; save it as UTF-8") from None
     if "\0" in text.rstrip("\0"):
-        raise ValueError("it holds no text")
+        raise ValueError("it holds no text, or text in UTF-16 or UTF-32 without its mark; save it as UTF-8")
     return re.sub("[\u2212\u2013](?=[\\d.,])", "-", text.rstrip("\0")), encoding
 
 
@@ -160,7 +181,7 @@ def _to_number(field: str, decimal: str, thousands: bool = False) -> float | Non
     told = field.lstrip("+").replace("D", "e").replace("d", "e") if field[:1] in "+-.0123456789" else field
     apart = ("," if decimal == "." else ".") + APART
     if any(each in told for each in apart):
-        if not thousands or not re.fullmatch(rf"-?\d{{1,3}}([{apart}])\d{{3}}(\1\d{{3}})*(\{decimal}\d+)?", told):
+        if not thousands or not re.fullmatch(rf"-?[1-9]\d{{0,2}}([{apart}])\d{{3}}(\1\d{{3}})*(\{decimal}\d+)?", told):
             return None
         told = re.sub(f"[{apart}]", "", told)
     if decimal == ",":
@@ -244,6 +265,8 @@ def _split_all(lines: Sequence[str], separator: str, width: int) -> tuple[NDArra
 
 def _read_column(fields: pd.Series, decimal: str) -> _Column:
     """Return what the fields of a column are."""
+    if _has_other_sign(fields, decimal):
+        decimal = "." if decimal == "," else ","
     small = fields.str.lower()
     missing = small.isin(NOTHING).to_numpy()
     plain = fields.str.replace(",", ".", regex=False) if decimal == "," else fields
@@ -265,7 +288,25 @@ def _read_column(fields: pd.Series, decimal: str) -> _Column:
         if number is not None:
             numbers[place], is_number[place] = number, True
             units |= {int(place): unit} if unit else {}
-    return _Column(numbers, is_number, is_moment, missing, units)
+    return _Column(decimal, numbers, is_number, is_moment, missing, units)
+
+
+def _has_other_sign(fields: pd.Series, decimal: str) -> bool:
+    """Return whether what would be a column's decimal sign sets thousands apart, or what would set them is that sign.
+
+    The former sets apart three digits each time, twice in a number, or in all from a thousand on and in none below,
+    some of a hundred and more. No thousands begin with a zero, or are more digits than three, or less.
+    """
+    other = "." if decimal == "," else ","
+    apart = fields[fields.str.fullmatch(r"[-+]?\d[\d.,]*")]
+    signed = apart[apart.str.contains(decimal, regex=False)]
+    if signed.empty:
+        wrong = apart.str.fullmatch(rf"[-+]?(0\{other}\d+|\d+\{other}(\d{{1,2}}|\d{{4,}}))")
+        return bool(wrong.any() and apart.str.fullmatch(rf"[-+]?\d+(\{other}\d+)?").all())
+    if not signed.str.fullmatch(rf"[-+]?[1-9]\d{{0,2}}(\{decimal}\d{{3}})+(\{other}\d+)?").all():
+        return False
+    plain = apart[~apart.str.contains(r"[.,]", regex=True)].str.lstrip("+-").str.len()
+    return bool((signed.str.count(re.escape(decimal)) > 1).any() or plain.max() == 3)
 
 
 def _find_rows(columns: Sequence[_Column]) -> NDArray[np.int_]:
@@ -273,15 +314,16 @@ def _find_rows(columns: Sequence[_Column]) -> NDArray[np.int_]:
     told = [each for each in columns if each.told]
     values = np.stack([each.is_number | each.is_moment for each in told])
     good = values | np.stack([each.missing for each in told])
-    return np.flatnonzero(good[0] & values.any(axis=0) & (good.mean(axis=0) >= 0.5))
+    rows = np.flatnonzero(good[0] & values.any(axis=0) & (good.mean(axis=0) >= 0.5))
+    first = columns[0].missing[rows]
+    return rows[first] if not columns[0].told and first.mean() > 0.5 else rows  # what it holds heads a row
 
 
-def _settle(column: _Column, fields: pd.Series, kept: NDArray[np.int_]) -> pd.Series:
-    """Return a column's kept values: numbers if all of them are, else text, either way with what is missing."""
-    own = fields.iloc[kept].reset_index(drop=True)
-    missing = column.missing[kept]
-    if column.is_number[kept].any() and (column.is_number | column.missing)[kept].all():
-        numbers = pd.Series(column.numbers[kept])
+def _settle(column: _Column, fields: pd.Series) -> pd.Series:
+    """Return a column's values: numbers if all of them are, else text, either way with what is missing."""
+    own, missing = fields.reset_index(drop=True), column.missing
+    if column.is_number.any() and (column.is_number | missing).all():
+        numbers = pd.Series(column.numbers)
         whole = not missing.any() and not own.str.contains(r"[.,eE]", regex=True).any()
         return numbers.astype(np.int64) if whole and (np.abs(numbers) < 2**62).all() else numbers.astype(float)
     return own.where(~missing, None).astype(object) if not missing.all() else pd.Series(np.full(len(own), np.nan))
@@ -375,12 +417,19 @@ def _list_facts(lines: Iterable[str]) -> dict[str, float]:
 
 
 def _describe_odd(
-    lines: Sequence[str], rows: set[int], ends: tuple[int, int], separator: str, width: int, decimal: str
+    lines: Sequence[str],
+    rows: set[int],
+    ends: tuple[int, int],
+    layout: tuple[str, str, int],
+    heads: tuple[Sequence[str], Sequence[str]],
 ) -> tuple[str, ...]:
     """Return a remark for each reason why lines from the first row on are no rows of the table.
 
-    A table in which a few rows have more values than the others is refused; many are another table.
+    A table in which a few rows have more values than the others is refused; many are another table. So is one that is
+    headed anew by other names or units than its `heads`.
     """
+    separator, decimal, width = layout
+    known = {each.casefold() for each in heads[0] if each}
     comments, text, short, long, after = found = [list[int]() for _ in ODD]
     for place in range(ends[0], len(lines)):
         if place in rows or not lines[place].strip(f" \r\n{separator}"):
@@ -392,6 +441,8 @@ def _describe_odd(
         elif (len(parts) < width and values == len(parts)) or (values and _is_value(parts[0], decimal)):
             (long if len(parts) > width else short).append(place + 1)
         else:
+            if len(parts) == width and (_count_units(parts) >= 0.5 or known & {each.casefold() for each in parts}):
+                _refuse_other_heads(parts, heads, place + 1)
             (after if place > ends[1] else text).append(place + 1)
     if long and len(long) < max(LACKING * len(rows), 4):
         saw = len(_split(lines[long[0] - 1], separator))
@@ -402,6 +453,17 @@ def _describe_odd(
         for why, places in zip(ODD, found, strict=True)
         if places
     )
+
+
+def _refuse_other_heads(row: Sequence[str], heads: tuple[Sequence[str], Sequence[str]], line: int) -> None:
+    """Refuse names or units within a table that are not those above it."""
+    names, units = heads
+    if list(row) != list(names) and [each.strip("[]()") for each in row] != list(units):
+        above = ", ".join(units if _count_units(row) >= 0.5 and units else names)
+        raise ValueError(
+            f"line {line} heads the columns anew, by {', '.join(row)}, and the lines above the values by {above}; save "
+            "what follows it as a file of its own"
+        )
 
 
 def _count(number: int, what: str) -> str:

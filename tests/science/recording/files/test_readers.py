@@ -40,6 +40,8 @@ def refusal(path):
         ("Zeit [s];Kraft [%]\n0,0;1,5\n0,5;-2,25\n1,0;1000\n", ["Zeit [s]", "Kraft [%]"], {}),
         ("t,F\r\n0,1.5\r\n0.5,-2.25\r\n1,1000\r\n", ["t", "F"], {}),
         ("F,F\n0,1.5\n0.5,-2.25\n1,1000\n", ["F", "F.1"], {}),
+        ("t,F\n0,1.5 N\n0.5,-2.25 N\n1,1 kN\n", ["t", "F"], {"F": "N"}),
+        ("t;F\n0.0;1,5\n0.5;-2,25\n1.0;1000,0\n", ["t", "F"], {}),
     ],
 )
 def test_text_is_read_whatever_wrote_it(tmp_path, text, names, units):
@@ -74,6 +76,31 @@ def test_a_loggers_file_is_read_and_what_is_left_out_is_said(tmp_path, text, lef
     frame = read_samples(path, ["t", "F"])
     np.testing.assert_array_equal(frame.astype(float).to_numpy()[:3].T, [TIMES, FORCES])
     assert len(frame) in (3, 12)
+
+
+def test_a_row_whose_first_cell_is_text_where_all_others_are_empty_heads_the_values(tmp_path):
+    path = tmp_path / "run.lvm"
+    path.write_text("Samples\t3\t3\t\nX_Value\tt\tF\tComment\n\t0\t1.5\n\t0.5\t-2.25\n\t1\t1000\n")
+    np.testing.assert_array_equal(read_samples(path, ["t", "F"]).to_numpy().T, [TIMES, FORCES])
+
+
+@pytest.mark.parametrize(
+    ("fields", "values"),
+    [
+        (["950", "1.050", "12.500"], [950.0, 1050.0, 12500.0]),
+        (["0", "1.234.567", "2.500"], [0.0, 1234567.0, 2500.0]),
+        (["0.950", "1.050", "12.500"], [0.95, 1.05, 12.5]),
+        (["2.125", "1.050", "12.500"], [2.125, 1.05, 12.5]),
+        (["2", "1.050", "12.500"], [2.0, 1.05, 12.5]),
+        (["950", "1.050", "12.25"], [950.0, 1.05, 12.25]),
+        (["0,101", "0,5", "1,25"], [0.101, 0.5, 1.25]),
+        (["101", "5", "1,250"], [101.0, 5.0, 1250.0]),
+    ],
+)
+def test_signs_before_decimals_and_thousands_are_told_by_column(tmp_path, fields, values):
+    path = tmp_path / "run.csv"
+    path.write_text("t;F\n" + "".join(f"0.{k};{each}\n" for k, each in enumerate(fields)))
+    assert read_samples(path)["F"].tolist() == values
 
 
 def test_a_preamble_tells_the_rate_and_cells_their_unit(tmp_path):
@@ -115,6 +142,14 @@ def test_a_column_of_text_and_missing_values_stay(tmp_path):
         ("t,F\n0,1\n" + "1,2\n" * 200 + "1,2,3\n", "Expected 2 fields in line 203, saw 3"),
         ("t\0,F\n0,1\n", "it holds no text"),
         ("a,b\n1,2\n1,2,3\n", "the line above its values has 2 fields and these have 3"),
+        ("t,F\n0,1\n1,2\nF,t\n3,2\n", "line 4 heads the columns anew, by F, t, and the lines above the values by t, F"),
+        (
+            "t,F\ns,N\n0,1\n1,2\ns,kN\n2,3\n",
+            "line 5 heads the columns anew, by s, kN, and the lines above the values by s, N",
+        ),
+        ("t,F\n0,1 N\n1,2 bar\n", "expected values of one unit in a column, got N and bar"),
+        ("t,F\n0,1 N\n1,2 kN\n2,3\n", "expected values of one unit in a column, got N and kN, or some without"),
+        ("荷重,力\n0,1\n".encode("shift-jis"), "it is no text in UTF-8, UTF-16 or Windows' cp1252; save it as UTF-8"),
         ("a,b\n1,2\n", "expected two rows of numbers or more, got one"),
         ("a,b\n", "expected rows of numbers, got 'a,b'"),
         ("<html>\n<p>no such file</p>\n</html>\n", "expected rows of numbers, got '<html>'"),
