@@ -14,7 +14,7 @@ from stages.science.output_channels.muscle_channels import Build, ForceChannel, 
 from stages.science.output_channels.records import bridge
 from stages.science.plant.effect import Parameter
 from stages.science.recording.measured_tables import MeasuredTables
-from stages.science.signals.filtering import decimate, smooth
+from stages.science.signals.filtering import decimate, smooth, smooth_driven
 from stages.science.signals.trajectories import Array
 
 SIGNALS = {
@@ -47,7 +47,8 @@ def _collect_records(
         known[name], signals[name] = spread[muscle][column]
     start = trials["start_s"].to_numpy(dtype=float)
     start = np.where(np.isfinite(start), start, np.arange(len(order)) * samples * step_s)
-    signals["smooth_pressure_kpa"] = smooth(signals["pressure_kpa"], step_s, smoothing_s)
+    driven = signals["pressure_kpa"], signals["command_kpa"]
+    signals["smooth_pressure_kpa"] = smooth_driven(*driven, step_s, smoothing_s)
     signals["velocity_per_s"] = smooth(signals["velocity_per_s"], step_s, smoothing_s)
     others, seen = {}, {joints.get(muscle)}
     for name in [each for each in joints if each != muscle]:
