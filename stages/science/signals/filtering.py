@@ -60,19 +60,15 @@ def smooth(signal: Array, step_s: float, width_s: float) -> Array:
     return np.asarray(savgol_filter(signal, window, 3, axis=0))
 
 
-def smooth_driven(signal: Array, drive: Array, step_s: float, width_s: float) -> Array:
-    """Return a signal, (T, K), with less noise, as `smooth` does, that keeps the corners which steps of its drive make.
+def follow(signal: Array, drive: Array, step_s: float) -> Array:
+    """Return one or two lags of a drive that explain most of a signal, (T, K): the best of a grid, refined about it.
 
-    What one or two lags of the drive do not explain is smoothed alone, over the width, s.
+    Smoothing rounds the corners that steps of a drive make. What the lags leave has none: it may be smoothed alone.
     """
-    told = _follow_best(signal, drive, step_s) if np.ptp(drive) > 0.0 else np.zeros_like(signal)
-    return told + smooth(signal - told, step_s, width_s)
-
-
-def _follow_best(signal: Array, drive: Array, step_s: float) -> Array:
-    """Return the one or two lags of a drive that explain most of a signal: the best of a grid, refined about it."""
     from scipy.signal import lfilter
 
+    if np.ptp(drive) == 0.0:
+        return np.zeros_like(signal)
     centred, best, least = signal - signal.mean(), np.zeros_like(signal), np.inf
     at = (0.0, 0, 0.0)
     grid = [(np.log2(tau_s), round(late_s / step_s), 0.0) for tau_s in LAGS_S for late_s in DELAYS_S]
