@@ -9,12 +9,19 @@ from typing import Any, Literal
 import numpy as np
 import pandas as pd
 
-from stages.science.discrepancy.settings import DiscrepancySettings, Tolerance
-from stages.science.output_channels.muscle_channels import Build, ForceChannel, MuscleChannel, PressureChannel, Records
+from stages.science.discrepancy.settings import DiscrepancySettings, MuscleChannelSettings, Tolerance
+from stages.science.output_channels.muscle_channels import (
+    PRESSURES,
+    Build,
+    ForceChannel,
+    MuscleChannel,
+    PressureChannel,
+    Records,
+)
 from stages.science.output_channels.records import bridge
 from stages.science.plant.effect import Parameter
 from stages.science.recording.measured_tables import MeasuredTables
-from stages.science.signals.filtering import decimate, smooth
+from stages.science.signals.filtering import decimate, follow, smooth
 from stages.science.signals.trajectories import Array
 
 SIGNALS = {
@@ -35,11 +42,16 @@ Spread = Mapping[str, tuple[Any, Array]]
 
 
 def _collect_records(
-    tables: MeasuredTables, spread: Mapping[str, Spread], muscle: str, joints: Mapping[str, str], smoothing_s: float
+    tables: MeasuredTables,
+    spread: Mapping[str, Spread],
+    muscle: str,
+    joints: Mapping[str, str],
+    limits: MuscleChannelSettings,
 ) -> Records:
     """Return one muscle's trials, in their order, as arrays; another joint's angle is that of its first muscle."""
     measured, trials = tables.measured, tables.measured_trials
     order, samples = list(trials["trial"]), len(spread[muscle]["contraction"][1])
+    smoothing_s = limits.smoothing_s
     first = measured.loc[(measured["muscle"] == muscle) & (measured["trial"] == order[0]), "time_s"]
     step_s = float(np.median(np.diff(first)))
     known, signals = {}, {}
@@ -47,7 +59,9 @@ def _collect_records(
         known[name], signals[name] = spread[muscle][column]
     start = trials["start_s"].to_numpy(dtype=float)
     start = np.where(np.isfinite(start), start, np.arange(len(order)) * samples * step_s)
-    signals["smooth_pressure_kpa"] = smooth(signals["pressure_kpa"], step_s, smoothing_s)
+    told = follow(signals["pressure_kpa"], signals["command_kpa"], step_s)
+    for name, width_s in zip(PRESSURES, (smoothing_s, limits.remainder_smoothing_s), strict=True):
+        signals[name] = told + smooth(signals["pressure_kpa"] - told, step_s, width_s)
     signals["velocity_per_s"] = smooth(signals["velocity_per_s"], step_s, smoothing_s)
     others, seen = {}, {joints.get(muscle)}
     for name in [each for each in joints if each != muscle]:
@@ -98,7 +112,7 @@ def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings)
     }
     outputs: list[MuscleChannel] = []
     for row in muscles.to_dict("records"):
-        records = _collect_records(tables, spread, row["muscle"], joints, limits.smoothing_s)
+        records = _collect_records(tables, spread, row["muscle"], joints, limits)
         area, arm = 1000.0 * np.pi * (0.5 * row["nominal_diameter_m"]) ** 2, row["sign"] * row["moment_arm_m"]
         if row["type"] not in settings.max_pressure_kpa:
             raise ValueError(

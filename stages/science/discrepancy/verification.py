@@ -19,7 +19,7 @@ from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.features import evaluate_map
 from stages.science.output_channels.fitting import Fit, Model, fit
 from stages.science.output_channels.flexible import Mask, find_floor
-from stages.science.output_channels.muscle_channels import ForceChannel, MuscleChannel
+from stages.science.output_channels.muscle_channels import PRESSURES, ForceChannel, MuscleChannel
 from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import Divide, OutputChannel, compute_here
 from stages.science.plant.learned_map import LearnedMap
@@ -79,7 +79,7 @@ def verify(
             simulated.append(_simulate(model.output, model, values, maps))
             driven: OutputChannel = model.output
             if isinstance(output, ForceChannel) and (output.element, place) in pressures:
-                driven = output.from_signals({"smooth_pressure_kpa": pressures[output.element, place]})
+                driven = output.from_signals(dict.fromkeys(PRESSURES, pressures[output.element, place]))
             if isinstance(output, MuscleChannel):
                 free.append(_simulate(driven, model, values, maps))
             if output.channel == "pressure_kpa":

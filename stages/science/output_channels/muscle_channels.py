@@ -44,6 +44,10 @@ class Build:
     torque_arm_m: float
 
 
+PRESSURES = ("smooth_pressure_kpa", "slow_pressure_kpa")
+SIGNALS = ("command_kpa", "pressure_kpa", *PRESSURES, "contraction", "velocity_per_s", "force_n")
+
+
 @dataclass(frozen=True)
 class Records:
     """Trials of one muscle as measured, gaps bridged; (T, K) arrays, and (K,) for the trials' starts."""
@@ -58,6 +62,8 @@ class Records:
     force_n: Array
     smooth_pressure_kpa: Array
     """Pressure without most of its sensor's noise."""
+    slow_pressure_kpa: Array
+    """The same over a wider window: what models of a remainder see. No average of it has much of the former's noise."""
     known: Mapping[str, NDArray[np.bool_]]
     """By signal, where it was measured."""
     others: Mapping[str, Array]
@@ -69,8 +75,7 @@ class Records:
     def take(self, trials: Sequence[int]) -> Self:
         """Return some of the trials."""
         chosen = list(trials)
-        signals = ("command_kpa", "pressure_kpa", "smooth_pressure_kpa", "contraction", "velocity_per_s", "force_n")
-        taken: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[:, chosen]) for name in signals}
+        taken: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[:, chosen]) for name in SIGNALS}
         for name in ("known", "others", "readings"):
             taken[name] = {signal: values[:, chosen] for signal, values in getattr(self, name).items()}
         return replace(self, start_s=self.start_s[chosen], **taken)
@@ -113,8 +118,7 @@ class MuscleChannel(OutputChannel):
         contraction = _scale(shortening, records.contraction[seen])
         signals: dict[str, Any] = {
             "command_kpa": command,
-            "pressure_kpa": command,
-            "smooth_pressure_kpa": command,
+            **dict.fromkeys(("pressure_kpa", *PRESSURES), command),
             "contraction": contraction,
             "velocity_per_s": np.gradient(contraction, records.step_s, axis=0),
             "force_n": np.zeros_like(command),
@@ -255,8 +259,7 @@ class ForceChannel(MuscleChannel):
         What follows from them is the same, moment by moment, when the motion runs backwards.
         """
         forward = self.take([0])
-        signals = ("command_kpa", "pressure_kpa", "smooth_pressure_kpa", "contraction", "velocity_per_s", "force_n")
-        turned = {name: getattr(forward.records, name)[::-1] for name in signals}
+        turned = {name: getattr(forward.records, name)[::-1] for name in SIGNALS}
         turned["velocity_per_s"] = -turned["velocity_per_s"]
         backward = forward.from_signals(turned)
         constants = {**{each.name: each.prior_mean for each in self.constants}, "damping_n_s": 0.0}
@@ -272,7 +275,7 @@ class ForceChannel(MuscleChannel):
         if not sensor:
             return self
         path = self._place(sensor)
-        return self.from_signals({"smooth_pressure_kpa": path.unsense_pressure(self.records.smooth_pressure_kpa)})
+        return self.from_signals({name: path.unsense_pressure(getattr(self.records, name)) for name in PRESSURES})
 
     def acting(self, effects: Placed) -> Self:
         """Return the output with the contraction that acts, where what shows it has an effect."""
@@ -296,9 +299,9 @@ class ForceChannel(MuscleChannel):
     def drivers(self) -> list[Driver]:
         """Return pressure, contraction, their rates, the command, other muscles' pressures and other joints' angles."""
         records = self.records
-        rate = np.gradient(records.smooth_pressure_kpa, records.step_s, axis=0)
+        rate = np.gradient(records.slow_pressure_kpa, records.step_s, axis=0)
         own = [
-            Driver("pressure_kpa", records.smooth_pressure_kpa),
+            Driver("pressure_kpa", records.slow_pressure_kpa),
             Driver("contraction", records.contraction),
             Driver("contraction_velocity_per_s", records.velocity_per_s, rate=True),
             Driver("pressure_rate", rate, rate=True),

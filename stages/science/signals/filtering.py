@@ -4,6 +4,12 @@ import numpy as np
 
 from stages.science.signals.trajectories import Array
 
+LAGS_S = tuple(0.005 * 2.0**each for each in range(7))
+DELAYS_S = (0.0, 0.01, 0.02, 0.04, 0.08)
+"""Time constants and delays of valves that are tried first, up to a third and a twelfth of a second."""
+REFINED_OCTAVES = (0.5, 0.25, 0.125, 0.0625, 0.03125)
+"""Steps of the time constant about the best; those of the delay, to one sample, and of a second lag shrink alike."""
+
 
 def differentiate(signal: Array, sampling_rate_hz: float, window_s: float, order: int) -> Array:
     """Return the zero-phase filtered derivative of each column of a signal (T, ...), in its unit per second.
@@ -52,6 +58,40 @@ def smooth(signal: Array, step_s: float, width_s: float) -> Array:
     if len(signal) < window:
         return signal
     return np.asarray(savgol_filter(signal, window, 3, axis=0))
+
+
+def follow(signal: Array, drive: Array, step_s: float) -> Array:
+    """Return one or two lags of a drive that explain most of a signal, (T, K): the best of a grid, refined about it.
+
+    Smoothing rounds the corners that steps of a drive make. What the lags leave has none: it may be smoothed alone.
+    """
+    from scipy.signal import lfilter
+
+    if np.ptp(drive) == 0.0:
+        return np.zeros_like(signal)
+    centred, best, least = signal - signal.mean(), np.zeros_like(signal), np.inf
+    at = (0.0, 0, 0.0)
+    grid = [(np.log2(tau_s), round(late_s / step_s), 0.0) for tau_s in LAGS_S for late_s in DELAYS_S]
+    for octaves in (*REFINED_OCTAVES, 0.0):
+        for log_tau, late, second in dict.fromkeys(grid):
+            lagged = drive[np.clip(np.arange(len(drive)) - late, 0, None)]
+            for tau_s in [2.0**log_tau * share for share in (1.0, second) if share > 0.0]:
+                kept = np.exp(-step_s / tau_s)
+                lagged = lfilter([0.0, 1.0 - kept], [1.0, -kept], lagged, axis=0, zi=lagged[None, 0])[0]
+            lagged = lagged - lagged.mean()
+            size = float((lagged**2).sum())
+            told = lagged * (float((lagged * centred).sum()) / size if size > 0.0 else 0.0)
+            left = float(((centred - told) ** 2).sum())
+            if left < least:
+                best, least, at = told, left, (log_tau, late, second)
+        few = max(round(octaves * DELAYS_S[1] / step_s), 1)
+        grid = [
+            (at[0] + up, max(at[1] + on, 0), second)
+            for up in (-octaves, 0.0, octaves)
+            for on in (-few, 0, few)
+            for second in {max(at[2] + octaves * more, 0.0) for more in (-0.5, 0.0, 0.5)}
+        ]
+    return best
 
 
 def decimate(signal: Array, factor: int, held: bool = False) -> Array:

@@ -1,0 +1,93 @@
+"""A textbook muscle whose command jumps: its noisy pressure is no discrepancy."""
+
+from itertools import pairwise
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from stages.science.discrepancy.decision import decide
+from stages.science.discrepancy.fitted_channel import prepare_all
+from stages.science.discrepancy.muscle_dataset import build_muscle_channels
+from stages.science.discrepancy.search import search
+from stages.science.recording.datasets import tabulate_session
+from stages.science.signals.filtering import follow, smooth
+from tests.science.discrepancy.searches import DISCREPANCY
+
+STEP_S, TAU_S, SAMPLES, TRIALS = 0.005, 0.05, 3000, 10
+MUSCLE = {
+    "joint": "elbow",
+    "role": "agonist",
+    "type": "MAS-40",
+    "nominal_diameter_m": 0.04,
+    "moment_arm_m": 0.036,
+    "rest_length_m": 0.32,
+    "contraction_at_angle_0": 0.02,
+    "sign": 1,
+}
+
+
+def drive(rng, slew_kpa_per_s):
+    """Return commands held for one to four seconds, (T, K), and the pressures of a lag of first order behind them."""
+    command = np.empty((SAMPLES, TRIALS))
+    for column in command.T:
+        ends = np.cumsum(rng.integers(200, 800, SAMPLES // 200))
+        column[:] = rng.uniform(25.0, 250.0, len(ends) + 1)[np.searchsorted(ends, np.arange(SAMPLES), side="right")]
+    most = slew_kpa_per_s * STEP_S
+    for before, now in pairwise(command):
+        now[:] = before + np.clip(now - before, -most, most)
+    pressure, kept = command.copy(), np.exp(-STEP_S / TAU_S)
+    for k in range(1, SAMPLES):
+        pressure[k] = command[k - 1] + kept * (pressure[k - 1] - command[k - 1])
+    return command, pressure
+
+
+def make_session(rng, slew_kpa_per_s):
+    """Return a session of the ideal braid (Chou and Hannaford 1996) with a linear skin and damper, and white noise."""
+    time_s = STEP_S * np.arange(SAMPLES)[:, None]
+    command, pressure = drive(rng, slew_kpa_per_s)
+    quick, slow = rng.uniform(2.5, 5.5, TRIALS), rng.uniform(0.5, 1.3, TRIALS)
+    angle = 0.6 + 0.4 * np.sin(slow * time_s) + 0.15 * np.sin(quick * time_s)
+    contraction = 0.02 + 0.036 / 0.32 * angle
+    velocity = 0.036 / 0.32 * (0.4 * slow * np.cos(slow * time_s) + 0.15 * quick * np.cos(quick * time_s))
+    alpha, area = np.deg2rad(25.3), 1000.0 * np.pi * 0.02**2
+    braid = 3.0 / np.tan(alpha) ** 2 * (1.0 - 1.28 * contraction) ** 2 - 1.0 / np.sin(alpha) ** 2
+    force = np.maximum(area * pressure * braid - 1900.0 * contraction - 85.0 * velocity, 0.0)
+    columns = {
+        "trial": np.broadcast_to(np.arange(TRIALS), angle.shape),
+        "time_s": np.broadcast_to(time_s, angle.shape),
+        "pressure_command_kpa": command,
+        "pressure_kpa": pressure + 0.4 * rng.standard_normal(angle.shape),
+        "contraction": contraction,
+        "contraction_velocity_per_s": velocity,
+        "force_n": force + 2.0 * rng.standard_normal(angle.shape),
+        "joint_angle_rad": angle,
+        "joint_velocity_rad_per_s": velocity,
+    }
+    samples = pd.DataFrame({name: values.T.ravel() for name, values in columns.items()}).assign(muscle="pam1")
+    nominal = {"valve_tau_s": 0.04, "braid_angle_deg": 25.0, "contraction_factor": 1.25, "damping_n_s": 90.0}
+    meta = {"sampling_rate_hz": 1.0 / STEP_S, "load_cell_site": "muscle_tip", "nominal": nominal}
+    return tabulate_session(samples, {**meta, "muscles": {"pam1": MUSCLE}}, "made up")
+
+
+@pytest.mark.parametrize("slew_kpa_per_s", [np.inf, 1000.0], ids=["jumps", "ramps"])
+def test_what_smoothing_leaves_is_noise_also_where_a_command_jumps(slew_kpa_per_s, generator):
+    command, pressure = drive(generator, slew_kpa_per_s)
+    noise = 0.4 * generator.standard_normal(pressure.shape)
+    told = follow(pressure + noise, command, STEP_S)
+    left = told + smooth(pressure + noise - told, STEP_S, 0.044) - pressure
+    noise_alone = smooth(noise, STEP_S, 0.044)
+    assert np.sqrt(np.mean(left**2)) < 1.02 * np.sqrt(np.mean(noise_alone**2))
+    assert np.abs(left).max() < 1.2 * np.abs(noise_alone).max()
+
+
+def test_without_a_drive_nothing_follows(generator):
+    assert not follow(generator.standard_normal((400, 3)), np.full((400, 3), 7.0), STEP_S).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("slew_kpa_per_s", [np.inf, 1000.0], ids=["jumps", "ramps"])
+def test_nothing_is_missing_in_a_textbook_muscle_whose_command(slew_kpa_per_s, generator):
+    states = prepare_all(build_muscle_channels(make_session(generator, slew_kpa_per_s), DISCREPANCY))
+    said = decide(search(states, DISCREPANCY.search, generator), DISCREPANCY, generator)
+    assert (said.status, said.suspected) == ("no_discrepancy", [])
