@@ -20,6 +20,7 @@ from stages.science.output_channels.muscle_channels import (
 )
 from stages.science.output_channels.records import bridge
 from stages.science.plant.effect import Parameter
+from stages.science.plant.muscle import braid_coefficients
 from stages.science.recording.measured_tables import MeasuredTables
 from stages.science.signals.filtering import decimate, follow, smooth
 from stages.science.signals.trajectories import Array
@@ -71,12 +72,22 @@ def _collect_records(
             seen.add(joints[name])
             others[f"{joints[name]} contraction"] = spread[name]["contraction"][1]
     readings = {name: np.where(known[name], signals[name], np.nan) for name in ("pressure_kpa", "force_n")}
+    written = signals["command_kpa"]
     times = max(int(smoothing_s / SAMPLES / step_s * (1.0 + 1e-9)), 1)
     signals = {name: decimate(each, times, held=name == "command_kpa") for name, each in signals.items()}
     others = {name: decimate(each, times, held="command" in name) for name, each in others.items()}
     known = {name: decimate(each.astype(float), times) > 0.5 for name, each in known.items()}
     start -= start[0]
-    return Records(times * step_s, start, **signals, known=known, others=others, averaged=times, readings=readings)
+    return Records(
+        times * step_s,
+        start,
+        **signals,
+        known=known,
+        others=others,
+        averaged=times,
+        readings=readings,
+        written_kpa=written,
+    )
 
 
 def _spread(rows: pd.DataFrame, order: Sequence[int], column: str, samples: int) -> tuple[Any, Array]:
@@ -124,7 +135,9 @@ def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings)
         for kind in (PressureChannel, ForceChannel):
             declared = tolerances[kind.channel]
             largest = float(np.abs(records.force_n[records.known["force_n"]]).max(initial=1.0))
-            constants = tuple(_constant(name, each, row, largest) for name, each in declared.items())
+            a, b = braid_coefficients(float(row.get("braid_angle_deg", np.nan)))
+            scales = {"one": 1.0, "largest": largest, "full": area * most * (a - b)}
+            constants = tuple(_constant(name, each, row, scales) for name, each in declared.items())
             output = kind(build, records, constants, load_cell_site, settings.detection)
             enough = output.present.sum() >= limits.least_samples and output.range > 0.0
             if enough and output.is_driven(limits.least_drive_kpa):
@@ -132,9 +145,9 @@ def build_muscle_channels(tables: MeasuredTables, settings: DiscrepancySettings)
     return outputs
 
 
-def _constant(name: str, tolerance: Tolerance, row: Mapping[Any, Any], largest: float) -> Parameter:
+def _constant(name: str, tolerance: Tolerance, row: Mapping[Any, Any], scales: Mapping[str, float]) -> Parameter:
     start = float(row[name]) if tolerance.start is None else tolerance.start
-    scale = {"one": 1.0, "start": abs(start), "largest": largest}[tolerance.times]
+    scale = abs(start) if tolerance.times == "start" else scales[tolerance.times]
     low, high = start + scale * tolerance.low, start + scale * tolerance.high
     sd, description = scale * tolerance.sd, tolerance.description
     return Parameter(name, tolerance.unit, low, high, start, sd, description, starts=(start,))

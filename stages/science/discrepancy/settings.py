@@ -21,7 +21,10 @@ class Tolerance(Declared):
     low: float
     high: float
     sd: float = Field(gt=0.0)
-    times: Literal["one", "start", "largest"] = Field(description="what low, high and sd are multiples of")
+    times: Literal["one", "start", "largest", "full"] = Field(
+        description="what low, high and sd are multiples of: 1, the start, the largest force measured, that of the "
+        "nominal muscle at rest and its largest pressure"
+    )
     description: str
 
 

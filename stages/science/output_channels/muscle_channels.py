@@ -19,7 +19,7 @@ from stages.science.plant.actuator_path import Acting, ActuatorPath, predict_for
 from stages.science.plant.effect import ChainEffect, NamedEffect, Parameter, find_effect, list_effects, list_forms
 from stages.science.plant.learned_map import DRIVES, SESSION_TIME, TIME
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients
-from stages.science.signals.filtering import white_share
+from stages.science.signals.filtering import decimate, white_share
 from stages.science.signals.histories import HISTORIES
 from stages.science.signals.trajectories import Array
 
@@ -71,11 +71,14 @@ class Records:
     averaged: int
     readings: Mapping[str, Array]
     """By signal, what its sensor showed, each sample of the recording, (S, K); NaN where nothing."""
+    written_kpa: Array
+    """Command at each sample of the recording, (S, K), `averaged` of which make one here."""
 
     def take(self, trials: Sequence[int]) -> Self:
         """Return some of the trials."""
         chosen = list(trials)
         taken: dict[str, Any] = {name: np.ascontiguousarray(getattr(self, name)[:, chosen]) for name in SIGNALS}
+        taken["written_kpa"] = np.ascontiguousarray(self.written_kpa[:, chosen])
         for name in ("known", "others", "readings"):
             taken[name] = {signal: values[:, chosen] for signal, values in getattr(self, name).items()}
         return replace(self, start_s=self.start_s[chosen], **taken)
@@ -128,6 +131,7 @@ class MuscleChannel(OutputChannel):
         others = {name: np.full(command.shape, values.mean()) for name, values in records.others.items()}
         told: dict[str, Any] = {"others": others, "known": dict.fromkeys(records.known, everywhere)}
         told["readings"] = {name: signals[name] for name in records.readings}
+        told["written_kpa"] = np.repeat(command, records.averaged, axis=0)
         return replace(self, records=replace(records, start_s=start_s, **signals, **told))
 
     def tell_levers(self) -> dict[str, Array]:
@@ -212,9 +216,10 @@ class PressureChannel(MuscleChannel):
         return _offer(PRESSURE_SITES, "sensed_pressure_kpa")
 
     def simulate(self, constants: Mapping[str, float], effects: Placed) -> Array:
-        """Return the sensed pressure, kPa."""
-        muscles, placed = self._collect(constants), _name_effects(effects)
-        return predict_pressure(self.records.command_kpa, muscles, placed, self.step_s, self.start_s)
+        """Return the sensed pressure, kPa: of the command as it was written, then averaged as the recording was."""
+        muscles, placed, fine_s = self._collect(constants), _name_effects(effects), self.step_s / self.averaged
+        told = predict_pressure(self.records.written_kpa, muscles, placed, fine_s, self.start_s)
+        return decimate(told, self.averaged)
 
     def name_level(self, level: float, constants: Mapping[str, float]) -> dict[str, float]:
         """Return the level of the pressure, inverted."""

@@ -40,7 +40,13 @@ def test_conversions_are_those_of_physics(name, unit, value, expected):
 
 @pytest.mark.parametrize("kind", KINDS)
 def test_a_prefix_is_what_it_says(kind):
-    prefixes = {"k": constants.kilo, "c": constants.centi, "m": constants.milli, "u": constants.micro}
+    prefixes = {
+        "k": constants.kilo,
+        "c": constants.centi,
+        "m": constants.milli,
+        "u": constants.micro,
+        "n": constants.nano,
+    }
     first, *others = KINDS[kind]
     for unit in [each for each in others if each[1:] == first]:
         assert KINDS[kind][unit] == pytest.approx(prefixes[unit[0]], rel=1e-12), unit
