@@ -559,7 +559,8 @@ def _spell_channels(verdict: Mapping[str, Any]) -> str:
 
 def _percent(value: float) -> str:
     percent = 100.0 * value
-    return f"{percent:.0f} %" if percent >= 9.95 else f"{percent:.1f} %" if percent >= 0.995 else f"{percent:.2f} %"
+    decimals = sum(percent < least for least in (9.95, 0.995, 0.0995)) if percent > 0.0 else 0
+    return f"{percent:.{decimals}f} %"
 
 
 def _spell(name: str) -> str:

@@ -36,7 +36,7 @@ def summarise_remainder(
     line_hz = float(worst["line_hz"])
     return {
         "status": "unexplained" if worst["probability"] >= certain else "none",
-        "family": str(worst["family"]) or None,
+        "family": (str(worst["family"]) or None) if worst["share"] > 0.0 else None,
         "share": min(max(float(worst["share"]), 0.0), 1.0),
         "probability": float(worst["probability"]),
         "channel": str(worst["channel"]),
@@ -110,7 +110,8 @@ def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str
     effects = []
     for _, rows in named.groupby("order"):
         first, form = rows.iloc[0], str(rows["form"].mode().iloc[0])
-        own = values[(values["effect"] == first["name"]) & values["muscle"].isin(rows["muscle"])]
+        its = (values["effect"] == first["name"]) & (values["channel"] == first["channel"])
+        own = values[its & values["muscle"].isin(rows["muscle"])]
         alike = own[own["form"] == form]
         pooled = alike.groupby("parameter", sort=False)[["value", "low", "high"]].mean()
         like = str(first["indistinguishable_from"])

@@ -46,7 +46,7 @@ def test_what_the_library_does_not_hold_gets_no_name(session):
         ("duhem-strong-100241", TRIALS, "hysteresis", "force_n"),
         ("transport_delay-strong-100160", TRIALS, "transport_delay", "pressure_kpa"),
         ("pressure_late-strong-100179", TRIALS, "channel_misalignment", "pressure_kpa"),
-        ("angle_late-strong-100187", 16, "channel_misalignment", "force_n"),
+        ("angle_late-strong-100183", 16, "channel_misalignment", "force_n"),
         ("slack_opening-strong-100126", TRIALS, "cable_slack", "force_n"),
     ],
 )
