@@ -160,7 +160,8 @@ class RecordPlant(Declared):
     @model_validator(mode="after")
     def _check_signals_and_effects(self) -> Self:
         if self.output in self.inputs:
-            raise ValueError(f"output: expected another signal than those it is told from, got {self.output}")
+            hint = "; put a signal in place of NAME" if self.output == "NAME" else ""
+            raise ValueError(f"output: expected another signal than those it is told from, got {self.output}{hint}")
         for entry in self.effects:
             if not self.offers(find_effect_at(self.SITE, entry.name, entry.form)):
                 raise ValueError(f"effects: {entry.name} needs what presses; name it, as plant.pressing=[p1_kpa]")

@@ -125,16 +125,17 @@ def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> p
     return convert(numbers, name, unit)
 
 
-def find_mark(values: pd.Series) -> str:
-    """Return that numbers hold one of the `MARKS`, twice or more and far from all readings; empty if they do not."""
+def find_mark(values: pd.Series, least: int = 2) -> str:
+    """Return that numbers hold one of the `MARKS`, so often and far from all readings; empty if they do not."""
     for mark in MARKS:
         marked = values == mark
         rest = values[~marked].dropna()
-        if marked.sum() < 2 or rest.nunique() < FEWEST_VALUES:
+        if marked.sum() < least or rest.nunique() < FEWEST_VALUES:
             continue
         low, high = float(rest.min()), float(rest.max())
         if max(low - mark, mark - high) > high - low:
-            return f"{marked.sum()} values are {mark:g}, far from all readings ({low:.4g} to {high:.4g})"
+            told = f"{marked.sum()} values are" if marked.sum() > 1 else "one value is"
+            return f"{told} {mark:g}, far from all readings ({low:.4g} to {high:.4g})"
     return ""
 
 

@@ -61,9 +61,9 @@ def describe(
     lines += [f"  {name} = {value:g}, a single number" for name, value in header.single.items()]
     lines += ["", *_describe_columns(columns, header.units, guess)]
     lines += ["", *_describe_clock(columns, guess, largest_jitter)]
-    marks = {name: find_mark(values) for name, values in columns.items() if _is_number(values)}
+    marks = {name: find_mark(values, least=1) for name, values in columns.items() if _is_number(values)}
     unknown = [
-        f"in {name} {told}: leave them empty in the file, so that they count as missing"
+        f"in {name} {told}: leave empty in the file what was not read, so that it counts as missing"
         for name, told in marks.items()
         if told
     ]

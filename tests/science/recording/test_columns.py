@@ -3,7 +3,7 @@
 import pandas as pd
 import pytest
 
-from stages.science.recording.columns import RecordingError, adopt
+from stages.science.recording.columns import RecordingError, adopt, find_mark
 
 READINGS = [10.0 * each for each in range(20)]
 
@@ -35,3 +35,4 @@ def test_a_number_that_marks_what_was_not_read_is_refused_and_one_that_may_be_a_
             adopt(frame, **how)
     else:
         assert adopt(frame, **how)["force_n"].tolist() == values
+        assert bool(find_mark(frame["F"], least=1)) == (values == [*READINGS, 999.0])
