@@ -20,7 +20,7 @@ DRIVEN = {
     "jumps": {"slew_kpa_per_s": JUMPS},
     "ramps": {"slew_kpa_per_s": RAMPS},
     "pulls little": {"slew_kpa_per_s": RAMPS, "most_kpa": 130.0},
-    "is sampled often": {"slew_kpa_per_s": JUMPS, "step_s": 0.002, "noise_kpa": 0.1},
+    "is sampled often": {"slew_kpa_per_s": JUMPS, "step_s": 0.002, "noise_kpa": 0.05},
 }
 MUSCLE = {
     "joint": "elbow",
