@@ -9,7 +9,15 @@ import re
 import pandas as pd
 
 KINDS: dict[str, dict[str, float]] = {
-    "force": {"N": 1.0, "mN": 1e-3, "kN": 1e3, "lbf": 4.4482216152605, "kgf": 9.80665},
+    "force": {
+        "N": 1.0,
+        "mN": 1e-3,
+        "daN": 10.0,
+        "kN": 1e3,
+        "lbf": 4.4482216152605,
+        "gf": 9.80665e-3,
+        "kgf": 9.80665,
+    },
     "pressure": {
         "kPa": 1.0,
         "Pa": 1e-3,
@@ -18,12 +26,13 @@ KINDS: dict[str, dict[str, float]] = {
         "mbar": 0.1,
         "bar": 100.0,
         "psi": 6.894757293168361,
+        "mmHg": 0.133322387415,
     },
     "time": {"s": 1.0, "ns": 1e-9, "us": 1e-6, "ms": 1e-3, "min": 60.0},
     "angle": {"rad": 1.0, "deg": math.pi / 180.0},
     "angular velocity": {"rad/s": 1.0, "deg/s": math.pi / 180.0, "rpm": math.pi / 30.0},
     "length": {"m": 1.0, "mm": 1e-3, "um": 1e-6, "cm": 1e-2, "in": 0.0254},
-    "velocity": {"m/s": 1.0, "mm/s": 1e-3, "cm/s": 1e-2, "km/h": 1.0 / 3.6},
+    "velocity": {"m/s": 1.0, "mm/s": 1e-3, "mm/min": 1e-3 / 60.0, "cm/s": 1e-2, "km/h": 1.0 / 3.6},
     "acceleration": {"m/s2": 1.0, "mm/s2": 1e-3},
     "torque": {"N m": 1.0, "mN m": 1e-3, "N cm": 1e-2, "kN m": 1e3},
     "voltage": {"V": 1.0, "mV": 1e-3, "uV": 1e-6, "kV": 1e3},
@@ -62,7 +71,9 @@ _SPELLINGS = {
     "deg/s": "°/s",
     "degC": "°C degc DegC celsius",
     "degF": "°F",
-    "rpm": "rev/min 1/min",
+    "rpm": "rev/min 1/min U/min tr/min",
+    "bar": "barg",
+    "psi": "psig",
     "V": "volt volts",
     "A": "amp amps ampere",
     "N": "newton newtons",

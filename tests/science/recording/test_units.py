@@ -16,6 +16,10 @@ from tests.conftest import ROOT
     [
         ("force_n", "lbf", 1.0, constants.lbf),
         ("force_n", "kgf", 1.0, constants.kgf),
+        ("force_n", "gf", 1.0, constants.gram * constants.g),
+        ("force_n", "daN", 1.0, constants.deka),
+        ("pressure_kpa", "mmHg", 1.0, constants.mmHg / 1000.0),
+        ("speed_m_per_s", "mm/min", 1.0, constants.milli / constants.minute),
         ("pressure_kpa", "psi", 1.0, constants.psi / 1000.0),
         ("pressure_kpa", "bar", 1.0, constants.bar / 1000.0),
         ("joint_angle_rad", "deg", 1.0, constants.degree),
