@@ -49,7 +49,7 @@ def test_several_files_are_refused_with_how_to_bring_several_records(tmp_path):
 @pytest.mark.parametrize(
     ("heading", "name", "unit", "told"),
     [
-        ("z", "force_n", "mm", "units.force_n: no unit 'mm'; choose from: N, mN, kN, lbf, kgf"),
+        ("z", "force_n", "mm", "units.force_n: no unit 'mm'; choose from: N, mN, daN, kN, lbf, gf, kgf"),
         ("z", "pos", "mm", "units.pos: no unit 'mm' for a name that ends in no unit; name the signal pos_m"),
         ("Force (kN)", "force_n", "", "states kN, and force_n is in N; set +units.force_n=kN, or +units.force_n=N if"),
         ("x_mm", "force_n", "", "states mm, and force_n is in N; name the signal by its length, as NAME_mm, or"),

@@ -26,7 +26,7 @@ KINDS: dict[str, dict[str, float]] = {
         "mbar": 0.1,
         "bar": 100.0,
         "psi": 6.894757293168361,
-        "mmHg": 0.133322387415,
+        "mmHg": 101.325 / 760.0,
     },
     "time": {"s": 1.0, "ns": 1e-9, "us": 1e-6, "ms": 1e-3, "min": 60.0},
     "angle": {"rad": 1.0, "deg": math.pi / 180.0},
