@@ -160,6 +160,11 @@ class FittedChannel:
         floor = max(floor, self.output.resolution)
         return float(np.sqrt(raw.sum() / self.samples.sum())) / floor
 
+    @property
+    def is_calm(self) -> bool:
+        """Whether nothing but noise is left by the nominal fit."""
+        return self.ratio(self.nominal.raw) <= self.output.limits.calm_gap
+
     def continue_from(self, current: Fitted) -> "FittedChannel":
         """Return the channel with another present fit; one without effects is its nominal fit too."""
         noise = current.estimate_noise()
@@ -173,7 +178,17 @@ class FittedChannel:
 
 
 def prepare(output: OutputChannel) -> FittedChannel:
-    """Fit an output's nominal constants, and estimate its noise from what a flexible model leaves."""
+    """Fit an output's nominal constants, and estimate its noise from what a flexible model leaves.
+
+    A flexible model that sees noisy inputs may average out what noise the simulation has of them. Where one that cannot
+    do so finds nothing, there is nothing to find.
+    """
+    calm = output.calm()
+    state = _prepare(calm)
+    return state if calm is output or state.is_calm else _prepare(output)
+
+
+def _prepare(output: OutputChannel) -> FittedChannel:
     model = Model(output)
     begun = {each.name: value for each, value in zip(output.constants, model.start, strict=True)}
     starts = [np.array(list((begun | other).values())) for other in ({}, *output.other_starts)]
@@ -201,9 +216,13 @@ def list_kept(states: Sequence[FittedChannel]) -> list[object]:
 
 def resume(output: OutputChannel, values: Array, noise: Noise, residual: Array, left: Leftover) -> FittedChannel:
     """Return an output as `prepare` left it: its constants, (P,), and the residual of trials left out, (T, K)."""
-    found = fit(Model(output), noise, values, iterations=0)
-    nominal = Fitted(found, residual, (residual**2).sum(axis=0))
-    return FittedChannel(output, noise, nominal, nominal, left)
+    for each in (output.calm(), output):
+        found = fit(Model(each), noise, values, iterations=0)
+        nominal = Fitted(found, residual, (residual**2).sum(axis=0))
+        state = FittedChannel(each, noise, nominal, nominal, left)
+        if state.is_calm:
+            break
+    return state
 
 
 def refine(model: Model, start: Array, spread: float) -> Fitted:

@@ -61,7 +61,7 @@ def _collect_records(
     start = trials["start_s"].to_numpy(dtype=float)
     start = np.where(np.isfinite(start), start, np.arange(len(order)) * samples * step_s)
     told = follow(signals["pressure_kpa"], signals["command_kpa"], step_s)
-    for name, width_s in zip(PRESSURES, (smoothing_s, limits.remainder_smoothing_s), strict=True):
+    for name, width_s in zip(PRESSURES, (smoothing_s, limits.slow_smoothing_s), strict=True):
         signals[name] = told + smooth(signals["pressure_kpa"] - told, step_s, width_s)
     signals["velocity_per_s"] = smooth(signals["velocity_per_s"], step_s, smoothing_s)
     others, seen = {}, {joints.get(muscle)}

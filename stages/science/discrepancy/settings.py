@@ -74,7 +74,7 @@ class MuscleChannelSettings(Declared):
     """Which channels of muscles are looked at, and how their inputs are smoothed."""
 
     smoothing_s: float = Field(gt=0.0)
-    remainder_smoothing_s: float = Field(gt=0.0)
+    slow_smoothing_s: float = Field(gt=0.0)
     least_samples: int = Field(ge=10)
     least_drive_kpa: float = Field(ge=0.0)
 

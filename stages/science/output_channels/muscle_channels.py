@@ -63,7 +63,7 @@ class Records:
     smooth_pressure_kpa: Array
     """Pressure without most of its sensor's noise."""
     slow_pressure_kpa: Array
-    """The same over a wider window: what models of a remainder see. No average of it has much of the former's noise."""
+    """The same over a wider window, of which no average has much of the former's noise."""
     known: Mapping[str, NDArray[np.bool_]]
     """By signal, where it was measured."""
     others: Mapping[str, Array]
@@ -94,6 +94,7 @@ class MuscleChannel(OutputChannel):
     constants: tuple[Parameter, ...]
     load_cell_site: Literal["muscle_tip", "joint_end"]
     limits: DetectionSettings
+    slow_drivers: bool = False
 
     def __post_init__(self) -> None:
         records = self.records
@@ -282,6 +283,10 @@ class ForceChannel(MuscleChannel):
         path = self._place(sensor)
         return self.from_signals({name: path.unsense_pressure(getattr(self.records, name)) for name in PRESSURES})
 
+    def calm(self) -> Self:
+        """Return the output with the pressure smoothed over the wider window among its drivers."""
+        return replace(self, slow_drivers=True)
+
     def acting(self, effects: Placed) -> Self:
         """Return the output with the contraction that acts, where what shows it has an effect."""
         inner = [each for each in _name_effects(effects) if (each[0].site, each[0].signal) == ("sensor", "contraction")]
@@ -304,9 +309,10 @@ class ForceChannel(MuscleChannel):
     def drivers(self) -> list[Driver]:
         """Return pressure, contraction, their rates, the command, other muscles' pressures and other joints' angles."""
         records = self.records
-        rate = np.gradient(records.slow_pressure_kpa, records.step_s, axis=0)
+        pressure = records.slow_pressure_kpa if self.slow_drivers else records.smooth_pressure_kpa
+        rate = np.gradient(pressure, records.step_s, axis=0)
         own = [
-            Driver("pressure_kpa", records.slow_pressure_kpa),
+            Driver("pressure_kpa", pressure),
             Driver("contraction", records.contraction),
             Driver("contraction_velocity_per_s", records.velocity_per_s, rate=True),
             Driver("pressure_rate", rate, rate=True),

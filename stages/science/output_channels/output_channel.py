@@ -31,6 +31,7 @@ class DetectionSettings(Declared):
     quantised_deviation: float = Field(gt=0.0, lt=0.5)
     lowest_line_hz: float = Field(gt=0.0)
     line_chance: float = Field(gt=0.0, lt=1.0)
+    calm_gap: float = Field(ge=1.0)
     least_white: float = Field(ge=0.0, le=1.0)
     least_white_share: float = Field(gt=0.0, le=1.0)
 
@@ -136,6 +137,13 @@ class OutputChannel(ABC):
     @abstractmethod
     def drivers(self) -> list[Driver]:
         """Return the signals from which a flexible model may explain what is left."""
+
+    def calm(self) -> Self:
+        """Return the output with drivers of which no average takes noise away that its simulation has of its inputs.
+
+        They tell less of what is there. It is the output itself where the simulation has no noise.
+        """
+        return self
 
     def list_signals(self) -> dict[str, Array]:
         """Return its own drivers by name."""
