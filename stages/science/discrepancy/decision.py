@@ -133,10 +133,9 @@ def _drop(found: Search, fits: Sequence[Fitted], dropped: Sequence[Named]) -> li
         for state, fitted in zip(found.outputs, fits, strict=True)
     ]
     for place, (state, first) in enumerate(zip(found.outputs, found.steps[0], strict=True)):
-        recorded, model = first.fit.model.output, left[place].fit.model
-        if model.output is not recorded and correct_inputs(recorded, left) is recorded:
-            again = replace(left[place].fit, model=replace(model, output=recorded))
-            left[place] = replace(left[place], fit=again).refit(state.noise)
+        recorded = first.fit.model.output
+        if left[place].fit.model.output is not recorded and correct_inputs(recorded, left) is recorded:
+            left[place] = left[place].put_in(recorded).refit(state.noise)
     return left
 
 

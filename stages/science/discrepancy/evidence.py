@@ -129,6 +129,7 @@ def _weigh_name(
     """
     best, likely = [""] * len(channels), set()
     weights: dict[str, float] = {}
+    unscaled: dict[str, float] = {}
     shares: dict[str, Array] = {}
     for channel in dict.fromkeys(channels):
         found: dict[str, tuple[float, list[int], Array]] = {}
@@ -142,6 +143,7 @@ def _weigh_name(
         if found:
             total = float(np.logaddexp.reduce([each for each, _, _ in found.values()]))
             weights[channel] = total - np.log(len(found)) + log_prior + log_map.get(channel, 0.0) - log_law[channel]
+            unscaled[channel] = total / power[channel]
             shares[channel] = np.zeros(len(channels))
             for form, (each, own, its_carries) in sorted(found.items(), key=lambda item: item[1][0]):
                 shares[channel][own] += np.exp(each - total) * its_carries
@@ -150,7 +152,7 @@ def _weigh_name(
                     best[place] = form
     if not weights:
         return -np.inf, best, likely, np.zeros(len(channels))
-    most = max(weights, key=weights.__getitem__)
+    most = max(unscaled, key=unscaled.__getitem__)
     return float(np.logaddexp.reduce(list(weights.values())) - np.log(len(weights))), best, likely, shares[most]
 
 

@@ -64,6 +64,10 @@ class Fitted:
         family = self.fit.model.family
         return (Columns(np.empty((*self.residual.shape, 0))), []) if family is None else (family.columns, [[family.sd]])
 
+    def put_in(self, output: OutputChannel) -> "Fitted":
+        """Return the same values and residual as those of another version of the output."""
+        return replace(self, fit=replace(self.fit, model=replace(self.fit.model, output=output)))
+
     def estimate_noise(self) -> Noise:
         """Return the noise that the residual most likely is."""
         output = self.fit.model.output
@@ -183,22 +187,22 @@ def prepare(output: OutputChannel) -> FittedChannel:
     A flexible model that sees noisy inputs may average out what noise the simulation has of them. Where one that cannot
     do so finds nothing, there is nothing to find.
     """
-    calm = output.calm()
-    state = _prepare(calm)
-    return state if calm is output or state.is_calm else _prepare(output)
-
-
-def _prepare(output: OutputChannel) -> FittedChannel:
-    model = Model(output)
+    model, calm = Model(output), output.calm()
     begun = {each.name: value for each, value in zip(output.constants, model.start, strict=True)}
     starts = [np.array(list((begun | other).values())) for other in ({}, *output.other_starts)]
     plain = [fit_plain(model, start, 0.01 * output.range) for start in starts]
     rough = min(plain, key=lambda each: float(each.raw.sum()))
+    nominal = refine(model, rough.fit.values, rough.spread)
+    state = _estimate_floor(rough.put_in(calm), nominal.put_in(calm))
+    return state if calm is output or state.is_calm else _estimate_floor(rough, nominal)
+
+
+def _estimate_floor(rough: Fitted, nominal: Fitted) -> FittedChannel:
+    output = nominal.fit.model.output
     features, by_trees = build_features(output), explain_by_trees(output, rough.residual)
     by_memory = explain_by_memory(output, rough.residual)
     least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], output, by_memory=by_memory)
     noise = estimate_noise(least.residual, output.present, output.step_s, output.limits)
-    nominal = refine(model, rough.fit.values, rough.spread)
     by_features = explain_by_features(nominal.fit, features, noise)
     leftover = keep_least([by_trees, by_features], output, by_memory=by_memory)
     return FittedChannel(output, noise, nominal, nominal, leftover)

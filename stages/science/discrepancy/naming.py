@@ -292,16 +292,15 @@ def _fit_corrected(
 ) -> list[tuple[int, int, tuple[str, str], Fitted]]:
     """Return what effects of sensors do to other outputs of the element: place, candidate's place, key and fit."""
     corrected = []
-    for source, key, fitted in [(source, *each) for source, choice in enumerate(choices) for each in choice.items()]:
-        form, values = fitted.effects[-1]
+    for source, key, chosen in [(source, *each) for source, choice in enumerate(choices) for each in choice.items()]:
+        form, values = chosen.effects[-1]
         for place, state in enumerate(outputs):
-            if place == source or outputs[source].output.element != state.output.element or state.current.forms:
+            if place == source or outputs[source].output.element != state.output.element:
                 continue
             output = state.output.correct([(form.name, form.form, values)])
             if output is not state.output:
-                model = replace(state.current.fit.model, output=output)
-                present = replace(state.current, fit=replace(state.current.fit, model=model))
-                corrected.append((place, source, key, present.refit(make_plain(state.current.spread))))
+                fitted = state.current.put_in(output).refit(make_plain(state.current.spread))
+                corrected.append((place, source, key, fitted))
     return corrected
 
 

@@ -12,7 +12,7 @@ import numpy as np
 from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel
 from stages.science.discrepancy.naming import Named, Round
-from stages.science.discrepancy.search import Search
+from stages.science.discrepancy.search import Search, list_stuck
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.spectral_line import remove_line
@@ -30,9 +30,9 @@ class Remainder(NamedTuple):
     memory, where the same is true of one, or a linear one of the inputs removes most in one of them; else it is empty.
 
     The others are probabilities: `unknown` that it is more than the limit while the gap left is one that matters,
-    `ambiguous` that the named effects leave more than forms of one effect differ by, or that they are too many, `doubt`
-    that names of the channel leave something that a static map does not explain either. An oscillation through all
-    trials, as of a supply, speaks for no name and against none.
+    `ambiguous` that the named effects leave more than forms of one effect differ by, or one at a bound leaves a gap, or
+    they are too many, `doubt` that names of the channel leave something that a static map does not explain either. An
+    oscillation through all trials, as of a supply, speaks for no name and against none.
     """
 
     share: float
@@ -75,7 +75,9 @@ def weigh_remainder(
         if any(is_hidden(state, settings) for state in states):
             ambiguous = 1.0 if added else 0.0
             sure = sure if added else max(sure, settings.certain)
-        if sum(each.channel == channel and not each.shown for each in named) >= settings.most_effects:
+        both = zip(states, fits[1], strict=True)
+        stuck = any(list_stuck(each) and state.ratio(each.raw) > settings.smallest_gap for state, each in both)
+        if stuck or sum(each.channel == channel and not each.shown for each in named) >= settings.most_effects:
             ambiguous = 1.0
         lines = [state.leftover.line_hz for state in states if state.leftover.line_hz is not None]
         line_hz = float(np.median(lines)) if lines else np.nan

@@ -130,12 +130,12 @@ def _doubt_beside_bounds(named: Named, found: Search, settings: SearchSettings) 
     What exact values show stands for nothing else.
     """
     fits = [state.current for state in found.outputs if named.is_in(state.output)]
-    stuck = any({*_list_stuck(each)} - {named.name} for each in fits)
+    stuck = any({*list_stuck(each)} - {named.name} for each in fits)
     stands_in = stuck and not named.shown
     return replace(named, probability=min(named.probability, settings.certain)) if stands_in else named
 
 
-def _list_stuck(fitted: Fitted) -> list[str]:
+def list_stuck(fitted: Fitted) -> list[str]:
     """Return the names of the effects whose magnitude is at a bound other than zero."""
     place, stuck = len(fitted.fit.model.output.constants), []
     for form in fitted.forms:
@@ -204,14 +204,20 @@ def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
 
 
 def _correct_others(found: Search, place: int) -> None:
-    """Correct the inputs of other output channels for the sensor effects that were found, and prepare these again."""
+    """Correct the inputs of other output channels for the sensor effects that were found, and prepare these again.
+
+    What was named there stays, fitted again: where it stood for the sensor's effect, nothing is left for it to explain.
+    """
     fits = [state.current for state in found.outputs]
     for other, state in enumerate(found.outputs):
-        if other != place and state.output.element == found.outputs[place].output.element and not state.current.forms:
+        if other != place and state.output.element == found.outputs[place].output.element:
             recorded = found.steps[0][other].fit.model.output
             corrected = correct_inputs(recorded, fits)
             if corrected is not recorded:
                 found.outputs[other] = prepare(corrected)
+                if state.current.forms:
+                    again = state.current.put_in(corrected).refit(make_plain(state.current.spread))
+                    found.outputs[other] = found.outputs[other].continue_from(again)
 
 
 def _take_out_redundant(found: Search, settings: SearchSettings) -> None:

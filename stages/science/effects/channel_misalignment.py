@@ -1,14 +1,14 @@
 """Channels that were sampled at different times: the force, the pressure or the motion is late against the others.
 
-`force` shifts the load cell, `pressure` the pressure sensor; `contraction` says by how much the recorded motion is
-later than the one that acted. The recorded rate of contraction, which enters the mild damping alone, is left where it
-is. Within a sample, signals run straight.
+`force` shifts the load cell, `filtered_force` is the first-order filter of its amplifier; `pressure` shifts the
+pressure sensor; `contraction` says by how much the recorded motion is later than the one that acted. The rate of
+contraction, which enters the mild damping alone, is left where it is. Within a sample, signals run straight.
 """
 
 from dataclasses import replace
 
 from stages.science.plant.effect import ChainEffect, ElementEffect, Parameter, State, Values
-from stages.science.plant.filters import shift
+from stages.science.plant.filters import lag, shift
 from stages.science.signals.trajectories import Array
 
 
@@ -60,6 +60,16 @@ FORMS = (
         parameters=(replace(EFFECT.parameters[0], description="by which motion is later than pressure and force"),),
         signature="force errs in proportion to the velocity of the joint and to pressure",
         apply=_take_back,
+    ),
+    replace(
+        EFFECT,
+        form="filtered_force",
+        parameters=(
+            Parameter("tau_s", "s", 0.0, 0.16, 0.0, 0.05, "time constant of the force's filter", (0.02, 0.08)),
+        ),
+        source="Doebelin, Measurement systems: application and design, 5th edition (2004), chapter 3: instruments",
+        signature="force errs in proportion to its own rate of change, and less so after a sudden step",
+        apply=lambda signal, state, parameters: lag(signal, parameters["tau_s"], state.step_s),
     ),
     LATE_ELEMENT,
 )

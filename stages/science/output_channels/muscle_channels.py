@@ -281,7 +281,8 @@ class ForceChannel(MuscleChannel):
         if not sensor:
             return self
         path = self._place(sensor)
-        return self.from_signals({name: path.unsense_pressure(getattr(self.records, name)) for name in PRESSURES})
+        told = self.from_signals({name: path.unsense_pressure(getattr(self.records, name)) for name in PRESSURES})
+        return replace(told, slow_drivers=False)
 
     def calm(self) -> Self:
         """Return the output with the pressure smoothed over the wider window among its drivers."""

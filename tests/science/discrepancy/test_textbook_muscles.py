@@ -5,6 +5,7 @@ from itertools import pairwise
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 
 from stages.science.discrepancy.decision import decide
 from stages.science.discrepancy.fitted_channel import prepare_all
@@ -50,8 +51,11 @@ def drive(rng, slew_kpa_per_s, step_s=STEP_S, most_kpa=250.0):
     return command, pressure
 
 
-def make_session(rng, slew_kpa_per_s, step_s=STEP_S, most_kpa=250.0, noise_kpa=0.4):
-    """Return a session of the ideal braid (Chou and Hannaford 1996) with a linear skin and damper, and white noise."""
+def make_session(rng, slew_kpa_per_s, step_s=STEP_S, most_kpa=250.0, noise_kpa=0.4, filter_s=0.0, late=0):
+    """Return a session of the ideal braid (Chou and Hannaford 1996) with a linear skin and damper, and white noise.
+
+    The load cell may be filtered, and the pressure's sensor may be some samples late.
+    """
     command, pressure = drive(rng, slew_kpa_per_s, step_s, most_kpa)
     time_s = step_s * np.arange(len(command))[:, None]
     quick, slow = rng.uniform(2.5, 5.5, TRIALS), rng.uniform(0.5, 1.3, TRIALS)
@@ -61,6 +65,10 @@ def make_session(rng, slew_kpa_per_s, step_s=STEP_S, most_kpa=250.0, noise_kpa=0
     alpha, area = np.deg2rad(25.3), 1000.0 * np.pi * 0.02**2
     braid = 3.0 / np.tan(alpha) ** 2 * (1.0 - 1.28 * contraction) ** 2 - 1.0 / np.sin(alpha) ** 2
     force = np.maximum(area * pressure * braid - 1900.0 * contraction - 85.0 * velocity, 0.0)
+    if filter_s:
+        kept = np.exp(-step_s / filter_s)
+        force = lfilter([1.0 - kept], [1.0, -kept], force, axis=0, zi=kept * force[:1])[0]
+    pressure = np.vstack([*[pressure[:1]] * late, pressure[: len(pressure) - late]])
     columns = {
         "trial": np.broadcast_to(np.arange(TRIALS), angle.shape),
         "time_s": np.broadcast_to(time_s, angle.shape),
@@ -99,3 +107,19 @@ def test_nothing_is_missing_in_a_textbook_muscle_that(driven, generator):
     states = prepare_all(build_muscle_channels(make_session(generator, **driven), DISCREPANCY))
     said = decide(search(states, DISCREPANCY.search, generator), DISCREPANCY, generator)
     assert (said.status, said.suspected) == ("no_discrepancy", [])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("sensor", "channel", "form"),
+    [({"filter_s": 0.03}, "force_n", "filtered_force"), ({"late": 4}, "pressure_kpa", "pressure")],
+    ids=["load cell is filtered", "pressure is late"],
+)
+def test_a_sensor_is_named_where_it_is_and_nothing_is_left(sensor, channel, form, generator):
+    states = prepare_all(build_muscle_channels(make_session(generator, RAMPS, **sensor), DISCREPANCY))
+    found = search(states, DISCREPANCY.search, generator)
+    said = decide(found, DISCREPANCY, generator)
+    (named,) = said.effects
+    assert (named.name, named.channel, set(named.forms)) == ("channel_misalignment", channel, {form})
+    assert named.probability > 0.9
+    assert all(state.ratio(state.current.raw) < DISCREPANCY.search.smallest_gap for state in found.outputs)

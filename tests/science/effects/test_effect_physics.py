@@ -260,6 +260,16 @@ def test_misaligned_channels_are_shifted(late):
         assert shown[20:-20] == pytest.approx(truth[20:-20], rel=1e-4)
 
 
+@pytest.mark.parametrize("tau_s", [0.01, 0.06])
+def test_a_filtered_force_follows_a_sine_as_a_first_order_low_pass_does(tau_s):
+    time, rate = np.arange(1000) * STEP_S, 3.0
+    slow, turn = 1.0 / np.hypot(1.0, rate * tau_s), np.arctan(rate * tau_s)
+    x = np.full(len(time), 0.1)
+    shown = force("channel_misalignment-filtered_force", 200 + 50 * np.sin(rate * time), x, tau_s=tau_s)[0]
+    truth = nominal(200 + 50 * slow * np.sin(rate * time - turn), x)  # at rest force is linear in pressure
+    assert shown[100:] == pytest.approx(truth[100:], rel=1e-4)
+
+
 def test_a_shift_by_whole_samples_is_exact(generator):
     signal = generator.normal(size=(50, 2))
     assert np.array_equal(shift(signal, 3.0)[3:], signal[:-3])
