@@ -190,6 +190,7 @@ def verify_gap(
         *report_text.describe_uninformative(float(driven["gap_over_std"].iloc[last])),
         *report_text.describe_verdict(verdict, places, settings),
         *report_text.describe_maps(maps, settings.significance),
+        *report_text.describe_odd_trials(odd.to_dict("records")),
         *report_text.describe_remainder(remainder, status, report),
         *report_text.describe_few_trials(len(dataset.fitted), len(test), fewest_trials(settings.significance)),
     ]
@@ -201,7 +202,6 @@ def verify_gap(
         *report_text.describe_loaded_maps(dataset),
         report_text.describe_bands(bands),
         *report_text.describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
-        *report_text.describe_odd_trials(odd.to_dict("records")),
         *report_text.describe_unsettled(unsettled, comparable["trial"].nunique()),
         *report_text.describe_bounds(amended_values),
         *report_text.describe_rate(dataset.outputs[0]),

@@ -35,7 +35,8 @@ class Decision:
     probability that something is missing, with a name or without, `doubts` those of an effect without a name, by which
     every name in its channel is reduced, by round of the search and channel: beside what was added or, where the last
     round added nothing, beside its likeliest name too.
-    It is `blind` if so much counts as noise that a gap would not be seen, or if the simulation predicts nothing.
+    It is `blind` if so much counts as noise, or one trial errs so much more than the others, that a gap would not be
+    seen, or if the simulation predicts nothing.
     """
 
     status: Status
@@ -103,7 +104,7 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     if found.undecided:
         held = weigh_remainder(found, found.named, found.undecided, limits, generator)
         by_round[-1] = {channel: each.doubt for channel, each in held.items()}
-    blind = any(_is_blind(state, each, limits) for state, each in zip(found.outputs, steps[-1], strict=True))
+    blind = any(_is_blind(state, each, settings) for state, each in zip(found.outputs, steps[-1], strict=True))
     left: Status = "unexplained" if blind or missing >= limits.certain else "no_discrepancy"
     return Decision("named" if stand else left, missing, stand, suspected, steps, remainders, blind, by_round)
 
@@ -147,8 +148,13 @@ def _pool_left_out(found: Search, fits: Sequence[Fitted], named: Named) -> Array
     return np.asarray(np.sqrt(np.mean(squares, axis=0)))
 
 
-def _is_blind(state: FittedChannel, fitted: Fitted, limits: SearchSettings) -> bool:
-    """Return whether what counts as noise hides what there is, or the simulation predicts no better than a mean."""
+def _is_blind(state: FittedChannel, fitted: Fitted, settings: DiscrepancySettings) -> bool:
+    """Return whether what counts as noise hides what there is, or the simulation predicts no better than a mean.
+
+    What shows in one trial alone, no other trial can tell from noise.
+    """
     error = float(np.sqrt(fitted.raw.sum() / state.samples.sum()))
     measured = state.output.measured[state.output.present]
-    return is_hidden(state, limits) or error > float(measured.std())
+    by_trial = np.sqrt(fitted.raw[state.samples > 0.0] / state.samples[state.samples > 0.0])
+    odd = bool(by_trial.max() > settings.report.odd_trial * np.median(by_trial))
+    return odd or is_hidden(state, settings.search) or error > float(measured.std())

@@ -139,8 +139,8 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     if left["status"] == "none" and verdict["missing_probability"] < settings.search.certain:
         return [
             f"Whether something is missing cannot be told: the gap is {over_floor['value']:.2f} times the noise floor, "
-            "but so much counts as noise that it may hide what is there. Nothing is named, and the plant is not "
-            "changed but for its fitted constants.",
+            "but so much counts as noise, or shows in one trial alone, that it may hide what is there. Nothing is "
+            "named, and the plant is not changed but for its fitted constants.",
             on_test,
         ]
     alone = next(each["heldout_gap"] for each in verdict["ranking"] if each["name"] == "none")

@@ -51,10 +51,10 @@ def drive(rng, slew_kpa_per_s, step_s=STEP_S, most_kpa=250.0):
     return command, pressure
 
 
-def make_session(rng, slew_kpa_per_s, step_s=STEP_S, most_kpa=250.0, noise_kpa=0.4, filter_s=0.0, late=0):
+def make_session(rng, slew_kpa_per_s, step_s=STEP_S, most_kpa=250.0, noise_kpa=0.4, filter_s=0.0, late=0, slip_n=0.0):
     """Return a session of the ideal braid (Chou and Hannaford 1996) with a linear skin and damper, and white noise.
 
-    The load cell may be filtered, and the pressure's sensor may be some samples late.
+    The load cell may be filtered, or slip once, and the pressure's sensor may be some samples late.
     """
     command, pressure = drive(rng, slew_kpa_per_s, step_s, most_kpa)
     time_s = step_s * np.arange(len(command))[:, None]
@@ -68,6 +68,7 @@ def make_session(rng, slew_kpa_per_s, step_s=STEP_S, most_kpa=250.0, noise_kpa=0
     if filter_s:
         kept = np.exp(-step_s / filter_s)
         force = lfilter([1.0 - kept], [1.0, -kept], force, axis=0, zi=kept * force[:1])[0]
+    force[len(force) // 2 :, 3] += slip_n
     pressure = np.vstack([*[pressure[:1]] * late, pressure[: len(pressure) - late]])
     columns = {
         "trial": np.broadcast_to(np.arange(TRIALS), angle.shape),
@@ -123,3 +124,11 @@ def test_a_sensor_is_named_where_it_is_and_nothing_is_left(sensor, channel, form
     assert (named.name, named.channel, set(named.forms)) == ("channel_misalignment", channel, {form})
     assert named.probability > 0.9
     assert all(state.ratio(state.current.raw) < DISCREPANCY.search.smallest_gap for state in found.outputs)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("slip_n", "status"), [(100.0, "unexplained"), (5.0, "no_discrepancy")])
+def test_what_shows_in_one_trial_alone_is_neither_named_nor_called_nothing(slip_n, status, generator):
+    states = prepare_all(build_muscle_channels(make_session(generator, RAMPS, slip_n=slip_n), DISCREPANCY))
+    said = decide(search(states, DISCREPANCY.search, generator), DISCREPANCY, generator)
+    assert (said.status, said.effects) == (status, [])
