@@ -40,7 +40,7 @@ class Stage:
     reads: tuple[str, ...]
     writes: tuple[Table, ...]
     optional: tuple[str, ...] = ()
-    preview: Callable[[Any], Sequence[str]] | None = None
+    preview: Callable[[Any], Iterable[str]] | None = None
     stream: str | None = None
     extent: tuple[str, ...] = ()
 
@@ -58,7 +58,7 @@ class Stage:
 def stage(
     *writes: Table,
     stream: str | None = None,
-    preview: Callable[[Any], Sequence[str]] | None = None,
+    preview: Callable[[Any], Iterable[str]] | None = None,
     extent: tuple[str, ...] = (),
 ) -> Callable[[Callable[..., Any]], Stage]:
     """Make a function a stage that writes the given tables; stream, preview and extent are those of `Stage`."""

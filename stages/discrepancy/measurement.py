@@ -180,15 +180,24 @@ class Config(Section):
         return ColumnMap(self.columns, self.units, NAMES, needed, given.part_endings or [], given.rate_hz, muscles)
 
 
-def show_map(cfg: Config) -> list[str]:
-    """Return a line for each column: where it comes from, and in which unit."""
+def show_map(cfg: Config) -> Iterator[str]:
+    """Yield a line for each column, where it comes from and in which unit, and what is read in all."""
     if cfg.measured is None:
-        return ["measured=null: from what the rig records"]
+        yield "measured=null: from what the rig records"
+        return
     file = find_samples(cfg.measured)
+    yield f"{file}:"
     with about(str(file)):
         header = read_header(file)
         told = cfg.map(read_known(cfg.measured, cfg)).describe(header.names)
-        return [f"{file}:", *(f"  {each}" for each in [*header.remarks, *header.dropped, *told])]
+    yield from (f"  {each}" for each in [*header.remarks, *header.dropped, *told])
+    tables = read_measured(cfg.measured, cfg)
+    trials, rate = tables[MEASURED_TRIALS.name], tables[MEASURED_SESSION.name]["sampling_rate_hz"].iloc[0]
+    shortest, longest = trials["duration_s"].min(), trials["duration_s"].max()
+    lasting = f"{longest:g} s" if longest - shortest < 0.01 * longest else f"{shortest:.3g} to {longest:.3g} s"
+    yield f"  {len(trials)} trial{'s' if len(trials) > 1 else ''} of {lasting} at {rate:g} Hz"
+    notes = tables[MEASURED_NOTES.name].astype(str).drop_duplicates()
+    yield from (f"  {which}: {note}" for which, note in notes.itertuples(index=False))
 
 
 def describe_file(path: InputPath) -> list[str]:
@@ -225,26 +234,32 @@ def measurement(
     further_recordings: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Read what was measured, under this project's names and units."""
-    if cfg.measured is not None and cfg.measurement.kind == "records":
-        tables = tabulate_records(cfg.measured, cfg)
+    if cfg.measured is not None:
+        tables = read_measured(cfg.measured, cfg)
+    elif session_recordings is not None and session_machine is not None:
+        tables = tabulate_muscles(read_rig_session(session_recordings, session_machine, further_recordings), cfg)
     else:
-        if cfg.measured is not None:
-            source = read_muscles(cfg.measured, cfg)
-        elif session_recordings is not None and session_machine is not None:
-            source = read_rig_session(session_recordings, session_machine, further_recordings)
-        else:
-            if hardware_recordings is None or hardware_recordings.empty:
-                raise InputError("measured: expected recordings of the hardware stage, got none; set measured=PATH")
-            designed = hardware_recordings, active_recordings, discrimination_recordings
-            source = read_executed(cfg.exoskeleton, *designed)
-        with about(source.file):
-            told, notes = tabulate(source, cfg.exoskeleton, cfg.measurement.largest_jitter)
-        tables = {each.name: getattr(told, each.name) for each in measurement.writes if each is not MEASURED_NOTES}
-        tables[MEASURED_NOTES.name] = pd.DataFrame(notes, columns=list(MEASURED_NOTES.columns))
+        if hardware_recordings is None or hardware_recordings.empty:
+            raise InputError("measured: expected recordings of the hardware stage, got none; set measured=PATH")
+        designed = hardware_recordings, active_recordings, discrimination_recordings
+        tables = tabulate_muscles(read_executed(cfg.exoskeleton, *designed), cfg)
     return {
         each.name: tables.get(each.name, pd.DataFrame()).reindex(columns=list(each.columns))
         for each in measurement.writes
     }
+
+
+def read_measured(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
+    """Return the tables of what a path holds."""
+    records = cfg.measurement.kind == "records"
+    return tabulate_records(path, cfg) if records else tabulate_muscles(read_muscles(path, cfg), cfg)
+
+
+def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:
+    """Return the tables of recorded muscles."""
+    with about(source.file):
+        told, notes = tabulate(source, cfg.exoskeleton, cfg.measurement.largest_jitter)
+    return {**vars(told), MEASURED_NOTES.name: pd.DataFrame(notes, columns=list(MEASURED_NOTES.columns))}
 
 
 @contextmanager

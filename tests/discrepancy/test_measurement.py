@@ -301,13 +301,25 @@ def test_small_pressures_are_believed_when_their_unit_is_stated(tmp_path):
 
 def test_the_plan_tells_each_column_and_the_command_what_is_missing_in_a_line(pamid, tmp_path):
     folder = write_dataset(tmp_path / "dataset", make_samples().drop(columns="force_n"))
-    plan = pamid("workflow=discrepancy", f"measured={folder}", "plan=true").stdout
-    assert re.search(r"pressure_kpa +<- pressure_kpa\n", plan)
-    assert re.search(r"force_n +<- MISSING \(force_n\); say which with columns.force_n=NAME", plan)
+    plan = pamid("workflow=discrepancy", f"measured={folder}", "plan=true")
+    assert re.search(r"pressure_kpa +<- pressure_kpa\n", plan.stdout)
+    assert re.search(r"force_n +<- MISSING \(force_n\); say which with columns.force_n=NAME", plan.stdout)
     result = pamid("workflow=discrepancy", f"measured={folder}")
-    assert result.returncode == 1
+    assert (plan.returncode != 0, result.returncode) == (True, 1)
     (line,) = result.stderr.strip().splitlines()
     assert line.startswith(f"measurement failed: {folder}/samples.parquet: no column force_n; ")
+    assert line.removeprefix("measurement failed: ").startswith(plan.stderr.strip())
+
+
+def test_the_plan_reads_the_file_so_that_it_tells_and_refuses_what_the_run_does(pamid, tmp_path):
+    folder = write_dataset(tmp_path / "dataset")
+    told = pamid("workflow=discrepancy", f"measured={folder}", "plan=true")
+    trials = make_samples()["trial"].nunique()
+    assert re.search(rf"\n +{trials} trials of .* at \S+ Hz\n", told.stdout), told.stdout
+    write_dataset(folder, make_samples().assign(force_n="none"))
+    refused = pamid("workflow=discrepancy", f"measured={folder}", "plan=true")
+    assert refused.returncode != 0
+    assert "force_n" in refused.stderr
 
 
 def test_the_plan_of_a_folder_without_meta_is_refused_as_its_run_is(pamid, tmp_path):
