@@ -5,7 +5,7 @@ that is said of it is weighed without and with a static map beside it.
 """
 
 from collections.abc import Callable, Collection, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
@@ -42,10 +42,15 @@ class Verdicts:
 
 @dataclass(frozen=True)
 class Beside:
-    """Log scores, all without or with a static map: of each output, (C,), and by form and place if it carries that."""
+    """Log scores, all without or with a static map: of each output, (C,), and by form and place if it carries that.
+
+    `elsewhere` has, by form and place, what is gained in another channel beside, and the channel: a sensor's effect
+    changes what is simulated of its readings.
+    """
 
     none: Array
     forms: Mapping[tuple[str, str], Mapping[int, float]]
+    elsewhere: Mapping[tuple[str, str], Mapping[int, tuple[str, float]]] = field(default_factory=dict)
 
 
 def weigh_names(
@@ -75,7 +80,7 @@ def weigh_names(
     names = list(dict.fromkeys(name for name, _ in alone.forms))
     map_prior, at = priors[STATIC_MAP], np.array(channels)
     power = {
-        each: min(1.0, most_evidence / max(_find_largest(alone, beside, at == each), 1e-300))
+        each: min(1.0, most_evidence / max(_find_largest(alone, beside, at == each, each), 1e-300))
         for each in dict.fromkeys(channels)
     }
     more = beside.none - alone.none
@@ -102,7 +107,7 @@ def weigh_names(
     return Verdicts(shares, chosen, likely, mapped, carries, maps)
 
 
-def _find_largest(alone: Beside, beside: Beside, own: NDArray[np.bool_]) -> float:
+def _find_largest(alone: Beside, beside: Beside, own: NDArray[np.bool_], channel: str) -> float:
     """Return the largest log ratio of any explanation's likelihood to that of nothing, in the outputs of a channel."""
     gains = [np.maximum(beside.none - alone.none, 0.0)[own].sum()]
     for scores in (alone, beside):
@@ -111,6 +116,8 @@ def _find_largest(alone: Beside, beside: Beside, own: NDArray[np.bool_]) -> floa
             for place, score in by_output.items():
                 gain[place] = max(gain[place], score - alone.none[place])
             gains.append(gain[own].sum())
+        for there in scores.elsewhere.values():
+            gains.append(sum(max(gain, 0.0) for where, gain in there.values() if where == channel))
     return float(max(gains))
 
 
@@ -129,21 +136,20 @@ def _weigh_name(
     """
     best, likely = [""] * len(channels), set()
     weights: dict[str, float] = {}
-    unscaled: dict[str, float] = {}
     shares: dict[str, Array] = {}
     for channel in dict.fromkeys(channels):
         found: dict[str, tuple[float, list[int], Array]] = {}
         for form, by_output in [(form, its) for (each, form), its in scores.forms.items() if each == name]:
             own = [place for place in by_output if channels[place] == channel]
             if own:
-                total, its_carries = _weigh_sets(
-                    power[channel] * np.array([by_output[k] - scores.none[k] for k in own])
-                )
+                gains = power[channel] * np.array([by_output[k] - scores.none[k] for k in own])
+                there = scores.elsewhere.get((name, form), {})
+                gains += [power[there[k][0]] * there[k][1] if k in there else 0.0 for k in own]
+                total, its_carries = _weigh_sets(gains)
                 found[form] = total, own, its_carries
         if found:
             total = float(np.logaddexp.reduce([each for each, _, _ in found.values()]))
             weights[channel] = total - np.log(len(found)) + log_prior + log_map.get(channel, 0.0) - log_law[channel]
-            unscaled[channel] = total / power[channel]
             shares[channel] = np.zeros(len(channels))
             for form, (each, own, its_carries) in sorted(found.items(), key=lambda item: item[1][0]):
                 shares[channel][own] += np.exp(each - total) * its_carries
@@ -152,7 +158,7 @@ def _weigh_name(
                     best[place] = form
     if not weights:
         return -np.inf, best, likely, np.zeros(len(channels))
-    most = max(unscaled, key=unscaled.__getitem__)
+    most = max(weights, key=weights.__getitem__)
     return float(np.logaddexp.reduce(list(weights.values())) - np.log(len(weights))), best, likely, shares[most]
 
 

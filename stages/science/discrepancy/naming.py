@@ -270,10 +270,12 @@ def _score_all(
         list(zip(outputs, extended, strict=True)),
     )
     laws = np.log([1.0 - settings.static_prior, settings.static_prior])
+    elsewhere: dict[tuple[str, str], dict[int, tuple[str, float]]] = {}
     for place, source, sensor, _ in corrected:
         without, having = ([here[each] for here in found[place][0]] for each in ((NONE, ""), sensor))
-        for own, here in zip(found[source][0], found[place][0], strict=True):
-            own[sensor] += float(np.max(laws + having) - np.max(laws + without))
+        gain = float(np.max(laws + having) - np.max(laws + without))
+        elsewhere.setdefault(sensor, {})[source] = outputs[place].output.channel, gain
+        for here in found[place][0]:
             del here[sensor]
     both = []
     for mapped, scores in zip((False, True), zip(*(scores for scores, _ in found), strict=True), strict=True):
@@ -283,7 +285,7 @@ def _score_all(
             looked = [each.form for each in listed if not (mapped and _is_static(outputs[place], each.form, settings))]
             for key in [*((form.name, form.form) for form in looked), *(key for key in own if key[0] == MEMORY)]:
                 forms.setdefault(key, {})[place] = own.get(key, none[place])
-        both.append(Beside(none, forms))
+        both.append(Beside(none, forms, elsewhere))
     return both[0], both[1], [left for _, left in found]
 
 

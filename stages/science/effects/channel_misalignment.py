@@ -1,11 +1,13 @@
 """Channels that were sampled at different times: the force, the pressure or the motion is late against the others.
 
-`force` shifts the load cell, `filtered_force` is the first-order filter of its amplifier; `pressure` shifts the
-pressure sensor; `contraction` says by how much the recorded motion is later than the one that acted. The rate of
-contraction, which enters the mild damping alone, is left where it is. Within a sample, signals run straight.
+`force` shifts the load cell, `pressure` the pressure sensor; `filtered_force` and `filtered_pressure` are first-order
+filters of their amplifiers; `contraction` says by how much the recorded motion is later than the one that acted. The
+rate of contraction, which enters the mild damping alone, is left where it is. Within a sample, signals run straight.
 """
 
 from dataclasses import replace
+
+import numpy as np
 
 from stages.science.plant.effect import ChainEffect, ElementEffect, Parameter, State, Values
 from stages.science.plant.filters import lag, shift
@@ -14,6 +16,10 @@ from stages.science.signals.trajectories import Array
 
 def _take_back(signal: Array, state: State, parameters: Values) -> Array:
     return shift(signal, -parameters["late_s"] / state.step_s)
+
+
+def _sharpen(signal: Array, state: State, parameters: Values) -> Array:
+    return np.asarray(signal + parameters["tau_s"] * np.gradient(signal, state.step_s, axis=0))
 
 
 EFFECT = ChainEffect(
@@ -43,6 +49,15 @@ LATE_ELEMENT = ElementEffect(
     apply=lambda answer, bench, parameters: shift(answer, parameters["paces_late"] * bench.time_scale_s / bench.step_s),
 )
 
+FILTERED = replace(
+    EFFECT,
+    form="filtered_force",
+    parameters=(Parameter("tau_s", "s", 0.0, 0.16, 0.0, 0.05, "time constant of the sensor's filter", (0.02, 0.08)),),
+    source="Doebelin, Measurement systems: application and design, 5th edition (2004), chapter 3: instruments",
+    signature="force errs in proportion to its own rate of change, and less so after a sudden step",
+    apply=lambda signal, state, parameters: lag(signal, parameters["tau_s"], state.step_s),
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -61,15 +76,13 @@ FORMS = (
         signature="force errs in proportion to the velocity of the joint and to pressure",
         apply=_take_back,
     ),
+    FILTERED,
     replace(
-        EFFECT,
-        form="filtered_force",
-        parameters=(
-            Parameter("tau_s", "s", 0.0, 0.16, 0.0, 0.05, "time constant of the force's filter", (0.02, 0.08)),
-        ),
-        source="Doebelin, Measurement systems: application and design, 5th edition (2004), chapter 3: instruments",
-        signature="force errs in proportion to its own rate of change, and less so after a sudden step",
-        apply=lambda signal, state, parameters: lag(signal, parameters["tau_s"], state.step_s),
+        FILTERED,
+        form="filtered_pressure",
+        signal="sensed_pressure_kpa",
+        signature="pressure errs in proportion to its own rate of change, and force as if it came before the pressure",
+        invert=_sharpen,
     ),
     LATE_ELEMENT,
 )
