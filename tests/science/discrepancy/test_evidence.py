@@ -99,3 +99,13 @@ def test_beside_a_static_map_a_form_that_is_one_may_not_be_the_name():
     said = weigh_names(alone, mapped, ["y"], {"none": 0.5, "static_map": 0.1, "slack": 0.5}, 1e3, worth)
     assert {*said.likely["slack"]} == {"patch"}  # the other has next to none of its probability
     assert not said.mapped["slack"]
+
+
+def test_what_a_name_tells_of_another_channel_counts_under_the_limit_of_that_channel():
+    forms = {("late", "only"): {0: 6.0}, ("lag", "only"): {0: 9.0}, ("wave", "only"): {1: 40.0}}
+    scores = Beside(np.zeros(2), forms, {("late", "only"): {0: ("z", 30.0)}})
+    priors = {"none": 0.25, "static_map": 1e-12, "late": 0.25, "lag": 0.25, "wave": 0.25}
+    said = weigh_names(scores, scores, ["y", "z"], priors, 20.0, lambda *_: True).names
+    weights = np.exp([0.0, 6.0 + 0.5 * 30.0, 9.0, 0.5 * 40.0])
+    expected = dict(zip(("none", "late", "lag", "wave"), weights / weights.sum(), strict=True))
+    assert {name: said[name] for name in expected} == pytest.approx(expected, rel=1e-6)
