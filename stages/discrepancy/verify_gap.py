@@ -168,8 +168,14 @@ def verify_gap(
         "bands": bands,
         "verification_trials": [dataset.trials[place] for place in test],
     }
+    report, predictions = settings.report, opened.list_predictions(dataset, last)
+    comparable = predictions[predictions["part"] != "other"]
+    unsettled = find_unsettled(comparable, report.odd_trial, settings.muscle_channels.least_drive_kpa)
+    odd = find_odd_trials(comparable, report.odd_trial)
+    odd = odd[(odd["channel"] != "pressure_kpa") | ~odd["trial"].isin(list(unsettled))]
+    if status == "no_discrepancy" and len(odd):
+        verdict["status"] = status = "unexplained"  # what no fitted trial shows, nothing told from noise
     ctx.verdict(verdict)
-    predictions = opened.list_predictions(dataset, last)
     spoken = " and ".join(name_signal(each)[0] for each in concerned)
     ctx.figure(
         "gap_waterfall",
@@ -179,22 +185,20 @@ def verify_gap(
     draw_trials(predictions, channels[channels["channel"].isin(concerned)], ctx)
     if status == "named":
         draw_signatures(trace_effects(dataset, found), verdict["effects"], ctx)
-    report = settings.report
-    comparable = predictions[predictions["part"] != "other"]
-    unsettled = find_unsettled(comparable, report.odd_trial, settings.muscle_channels.least_drive_kpa)
-    odd = find_odd_trials(comparable, report.odd_trial)
-    odd = odd[(odd["channel"] != "pressure_kpa") | ~odd["trial"].isin(list(unsettled))]
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
+    high = report_text.describe_high_floor(
+        channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf
+    )
     findings = [
         *suspect_muscles(tables.measured, tables.measured_muscles),
         *report_text.describe_uninformative(float(driven["gap_over_std"].iloc[last])),
         *report_text.describe_verdict(verdict, places, settings),
         *report_text.describe_maps(maps, settings.significance),
         *report_text.describe_odd_trials(odd.to_dict("records")),
+        *(high if status == "no_discrepancy" else []),
         *report_text.describe_remainder(remainder, status, report),
         *report_text.describe_few_trials(len(dataset.fitted), len(test), fewest_trials(settings.significance)),
     ]
-    final = verdict["gap"]["noise_floor"] if last else math.inf
     remarks = [
         *report_text.describe_absorbed(list_confounded(ranking, {row["channel"] for row in places})),
         *report_text.describe_times(verdict["effects"], dataset.plant),
@@ -205,8 +209,8 @@ def verify_gap(
         *report_text.describe_unsettled(unsettled, comparable["trial"].nunique()),
         *report_text.describe_bounds(amended_values),
         *report_text.describe_rate(dataset.outputs[0]),
+        *(high if status != "no_discrepancy" else []),
         *report_text.describe_forgotten(dataset.outputs[0], dataset.plant, report.most_forgotten),
-        *report_text.describe_high_floor(channels, report.high_floor, final),
     ]
     command = describe_command(
         status == "named", bool(maps), tables.measured_session.iloc[0], cfg.exoskeleton.load_cell_site

@@ -139,7 +139,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     if left["status"] == "none" and verdict["missing_probability"] < settings.search.certain:
         return [
             f"Whether something is missing cannot be told: the gap is {over_floor['value']:.2f} times the noise floor, "
-            "but so much counts as noise, or shows in one trial alone, that it may hide what is there. Nothing is "
+            "but so much counts as noise, or shows in few trials alone, that it may hide what is there. Nothing is "
             "named, and the plant is not changed but for its fitted constants.",
             on_test,
         ]
@@ -218,7 +218,8 @@ def describe_odd_trials(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
     which = f"trial{'s' if len(trials) > 1 else ''} {', '.join(trials[:MOST_LISTED])}{more}"
     return [
         f"Look at {which}: the error there is up to {odd[0]['ratio']:.0f} times "
-        f"that of other trials ({what}); if something came loose, run again without it."
+        f"that of other trials ({what}). If something came loose, run again without it; if more acts there than in the "
+        "others, such as a stop that they do not reach, let some like it be fitted."
     ]
 
 

@@ -18,6 +18,9 @@ NEIGHBOURS = 80
 WIDEST = 2.0
 """Largest width of the neighbours on either side, over the lowest frequency of a line."""
 
+LEAST_TAKEN = 0.01
+"""Share of a trial's squares that a line takes away, in half of the trials: what is less is a trace of the motion."""
+
 
 def find_line(residual: Array, present: NDArray[np.bool_], step_s: float, limits: DetectionSettings) -> float | None:
     """Return the frequency of a line in a residual, (T, K), which counts where present; Hz, or None.
@@ -50,7 +53,11 @@ def find_line(residual: Array, present: NDArray[np.bool_], step_s: float, limits
     over = usual * mean / median_filter(mean, size=2 * NEIGHBOURS + 1, mode="mirror")
     peak = int(np.argmax(np.where(sought, over, 0.0)))
     by_chance = gamma.sf(over[peak], len(whole), scale=1.0 / len(whole)) * PADDING * samples / 2
-    return float(frequency[peak]) if by_chance < limits.line_chance else None
+    if by_chance >= limits.line_chance:
+        return None
+    left = remove_line(residual, present, step_s, float(frequency[peak]))[:, whole]
+    taken = 1.0 - (left**2).sum(axis=0) / np.maximum((kept**2).sum(axis=0), 1e-300)
+    return float(frequency[peak]) if np.median(taken) > LEAST_TAKEN else None
 
 
 def remove_line(residual: Array, present: NDArray[np.bool_], step_s: float, frequency_hz: float) -> Array:
@@ -61,7 +68,7 @@ def remove_line(residual: Array, present: NDArray[np.bool_], step_s: float, freq
     """
     angle = 2.0 * np.pi * frequency_hz * step_s * np.arange(len(residual))
     waves = np.column_stack([np.cos(angle), np.sin(angle)])
-    left = residual.copy()
+    left = np.where(present, residual, 0.0)
     for trial in np.flatnonzero(present.sum(axis=0) > 4):
         rows = present[:, trial]
         weights = np.linalg.lstsq(waves[rows], residual[rows, trial], rcond=None)[0]
