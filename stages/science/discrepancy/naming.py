@@ -342,7 +342,8 @@ def _score_output(
         lost = alone[MEMORY, ""].raw.sum() > far * nothing.raw.sum()
         families |= {STATIC_MAP: beside[NONE, ""].raw, MEMORY: (nothing if lost else alone[MEMORY, ""]).raw}
     scores = compare_by(output, find_best([*alone.values(), *beside.values()]), largest)
-    telling = {key: each for key, each in beside.items() if key not in choice or not _is_patch(each, settings)}
+    added = [key for key in choice if choice[key].fit.model.output is output]
+    telling = {key: each for key, each in beside.items() if key not in added or not _is_patch(each, settings)}
     told = [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, telling)]
     for own, fits in zip(told, (alone, telling), strict=True):
         most, at_most = far * fits[NONE, ""].raw.sum(), own[NONE, ""]
