@@ -91,7 +91,7 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     steps = [found.steps[0], *(_drop(found, each, suspected) for each in reached)]
     if suspected:
         remainders = weigh_remainder(found, stand, steps[-1], limits, generator)
-        most = {channel: max(1.0 - each.doubt, limits.certain) for channel, each in remainders.items()}
+        most = {channel: 1.0 - limits.ambiguous_weight * each.ambiguous for channel, each in remainders.items()}
         stand = [
             each if each.shown else replace(each, probability=min(each.probability, most[each.channel]))
             for each in stand
