@@ -54,3 +54,11 @@ def test_what_is_there_beside_a_wrong_law_is_named(session, trials, name, channe
     said = said_of(f"foreign_building:{session}", trials)
     assert next(iter(said["seen_in"].items())) == (name, channel)
     assert said["named"][name] > 0.8
+
+
+@pytest.mark.slow
+def test_a_pressure_sensor_is_a_candidate_beside_a_static_effect_of_the_force():
+    made = simulate(replace(named_scenario("pressure_dead_band+valve_asymmetry-strong-4007"), trials=14))
+    first = replace(made, samples=made.samples[made.samples["trial"] < TRIALS])
+    said = judge_session(first, TRIALS).decision
+    assert {each.name for each in said.effects} == {"pressure_dead_band", "valve_asymmetry"}
