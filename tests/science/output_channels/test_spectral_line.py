@@ -58,3 +58,12 @@ def test_noise_keeps_its_size_where_a_line_is_taken_out_of_few_samples():
     noise = make_noise(3, trials=4000, samples=12)
     left = remove_line(noise, np.ones(noise.shape, dtype=bool), STEP_S, 50.0)
     assert np.mean(left**2) == pytest.approx(np.mean(noise**2), rel=0.02)
+
+
+@pytest.mark.parametrize(("high", "found"), [(0.05, False), (0.4, True)])
+def test_a_trace_in_the_spectrum_of_a_slow_motion_is_no_line(high, found):
+    time_s, phases = STEP_S * np.arange(1000)[:, None], np.linspace(0.0, 6.0, 10)
+    motion = np.sin(2.0 * np.pi * 0.5 * time_s + phases) + 1e-3 * make_noise(7)
+    hz = find(motion + high * np.sin(2.0 * np.pi * 15.5 * time_s + 2.0 * phases))
+    assert (hz is not None) == found
+    assert not found or hz == pytest.approx(15.5, abs=0.1)
