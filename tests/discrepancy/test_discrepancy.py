@@ -8,6 +8,7 @@ import pandas as pd
 import pytest
 import yaml
 
+from stages.science.discrepancy.settings import choose_verification
 from tests.measured_data import write_dataset
 from tests.science.discrepancy import sessions
 from tests.science.discrepancy.sessions import record_session
@@ -188,6 +189,20 @@ def test_bad_data_and_other_rates_bring_no_confident_name(how, pamid, tmp_path):
     said, verdict = judge(pamid, tmp_path, SPOILT[how](samples), meta, "figures=[]")
     assert not [each for each in verdict["effects"] if each["probability"] > CONFIDENT]
     assert TOLD.get(how, "What was found") in said
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("slip_n", "status"), [(0.0, "no_discrepancy"), (60.0, "unexplained")])
+def test_what_only_opened_trials_show_is_not_called_nothing(slip_n, status, pamid, tmp_path):
+    samples, meta = record_sound()
+    opened = choose_verification(samples["trial"].nunique(), 0.375)[-1]
+    late = (samples["trial"] == opened) & (samples["time_s"] > 0.5 * samples["time_s"].max())
+    said, verdict = judge(
+        pamid, tmp_path, samples.assign(force_n=samples["force_n"] + slip_n * late), meta, "figures=[]"
+    )
+    assert opened in verdict["verification_trials"]
+    assert (verdict["status"], verdict["effects"]) == (status, [])
+    assert (f"Look at trial {opened}" in said, "cannot be told" in said) == (slip_n > 0.0, slip_n > 0.0)
 
 
 @pytest.mark.parametrize(
