@@ -91,11 +91,8 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
     steps = [found.steps[0], *(_drop(found, each, suspected) for each in reached)]
     if suspected:
         remainders = weigh_remainder(found, stand, steps[-1], limits, generator)
-        most = {channel: 1.0 - limits.ambiguous_weight * each.ambiguous for channel, each in remainders.items()}
-        stand = [
-            each if each.shown else replace(each, probability=min(each.probability, most[each.channel]))
-            for each in stand
-        ]
+        imitated = {channel: limits.ambiguous_weight * each.ambiguous for channel, each in remainders.items()}
+        stand = [replace(each, probability=each.doubt(imitated[each.channel])) for each in stand]
     for each, counts in counted:
         stand.append(each)
         both = enumerate(zip(found.outputs, steps[-1], strict=True))
