@@ -185,20 +185,29 @@ class WholeRecordChannel(OutputChannel):
         for length, records in lengths.items():
             names = self.records[records[0]]
             signals = {name: np.stack([self.records[record][name] for record in records], axis=1) for name in names}
-            output = signals[self.plant.output]
-            signals[self.plant.output] = np.where(np.arange(length)[:, None] < self.head, output, np.nan)
+            if self.plant.drifts:
+                output = np.stack([self._shown[record] for record in records], axis=1)
+            else:
+                output = np.where(np.arange(length)[:, None] < self.head, signals[self.plant.output], np.nan)
+            signals[self.plant.output] = output
             begun = InitialState(*np.concatenate([self.begun[record] for record in records], axis=1))
             groups.append(_Group(tuple(records), self.plant.refine(signals, self.step_s), begun))
         return groups
 
     @cached_property
-    def _seen(self) -> list[Mapping[str, Array]]:
-        """Inputs of the records that have a block, and their output as far as these blocks show it."""
+    def _shown(self) -> dict[int, Array]:
+        """Output of the records that have a block, NaN where no block shows it."""
         shown = {record: np.full(len(self.records[record][self.plant.output]), np.nan) for record in self._used}
         for k, (record, first) in enumerate(self.places):
             at = first + np.flatnonzero(self.present[:, k])
             shown[record][at] = self.measured[self.present[:, k], k]
-        return [{**self.records[record], self.plant.output: bridge(pd.Series(shown[record]))} for record in self._used]
+        return shown
+
+    @cached_property
+    def _seen(self) -> list[Mapping[str, Array]]:
+        """Inputs of the records that have a block, and their output as far as these blocks show it."""
+        shown = self._shown.items()
+        return [{**self.records[record], self.plant.output: bridge(pd.Series(each))} for record, each in shown]
 
     @property
     def _used(self) -> list[int]:

@@ -66,8 +66,6 @@ class Pull(NamedTuple):
     damping: float
     offset: float
     """What the sensor adds."""
-    start: tuple[float, float] = (0.0, 0.0)
-    """What is added to the place and the velocity in which a record seems to begin."""
     lag_s: float = 0.0
     """Time constant with which the push follows."""
 
@@ -288,13 +286,14 @@ class MotionPlant(RecordPlant):
 
         state = np.zeros((2, len(terms)))
         if begun is not None:
-            shifts = np.repeat([each.start for each in pulls], records, axis=0).T
             told = InitialState(*(np.tile(each, len(cases)) for each in begun))
-            place, rate = told.value - offset + shifts[0], told.rate + shifts[1]
-            state = np.stack([place / scale, rate * time_scale_s / scale])
-            if not self.drifts and self.output in signals:  # its own motion refines what the first samples tell
-                heads = (np.tile(signals[self.output][:HEAD], len(cases)) - offset) / scale
-                errors = np.stack([told.value_error, told.rate_error * time_scale_s]) / scale
-                state = begin(run, state, np.maximum(errors, 1e-6), heads, told.noise / scale)
+            state = np.stack([told.value - offset, told.rate * time_scale_s]) / scale
+            if self.output in signals:  # its own motion refines what the first samples tell
+                heads = (np.tile(signals[self.output][: None if self.drifts else HEAD], len(cases)) - offset) / scale
+                errors = np.maximum(np.stack([told.value_error, told.rate_error * time_scale_s]) / scale, 1e-6)
+                told_by = run, state, errors, heads, told.noise / scale
+                state = begin(*told_by)
+                if self.drifts:  # the first steps may begin so far away that what is left counts as noise
+                    state = begin(*told_by, state)
         motion = integrate(drive, hold, state, damping, terms, pace, substeps, late, offset / scale, stays)
         return (offset + scale * motion).reshape(len(motion), len(cases), records).transpose(0, 2, 1)

@@ -123,7 +123,11 @@ class RecordPlant(Declared):
     ELEMENT: ClassVar[str] = ""
     """What the machine is called in tables, where not by its kind."""
     drifts: ClassVar[bool] = False
-    """Whether a small error grows without end: then no slope at a fit says what another effect would change."""
+    """Whether a small error grows without end.
+
+    Then no slope at a fit says what another effect would change, and all of the output that a simulation is told says
+    how a record begins, its first `HEAD` samples too little.
+    """
     TOGETHER: ClassVar[int] = 1
     """Simulations that take together little longer than one."""
     FREE: ClassVar[bool] = False
@@ -341,7 +345,7 @@ class RecordPlant(Declared):
         ----------
         signals : mapping of str to (T, R) ndarray
             Inputs by name, without gaps, as `refine` returns them; R records. With the output too, the state in which
-            a record begins may be refined by its first `HEAD` samples.
+            a record begins may be refined by its first samples: `HEAD`, or all where the machine `drifts`.
         step_s, start_s : float, (R,) ndarray
             Time between samples, and start of each record in the session, s.
         constants, effects
@@ -412,21 +416,26 @@ def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effec
 
 
 def begin(
-    run: Callable[[Array, NDArray[np.int_], int], Array], guess: Array, wide: Array, heads: Array, noise: Array
+    run: Callable[[Array, NDArray[np.int_], int], Array],
+    guess: Array,
+    wide: Array,
+    heads: Array,
+    noise: Array,
+    first: Array | None = None,
 ) -> Array:
     """Return the states (S, K) in which records begin: what agrees best with their first samples, near a guess.
 
-    Two steps of Gauss and Newton. Of states (S, N), the records that they belong to (N,) and a count, `run` returns so
-    many first samples of the output. Gaussian priors have means `guess` and deviations `wide`, (S, K); `heads` (T, K)
-    are measured, the first `HEAD` samples count, NaN where nothing was, with a noise (K,) in the output's unit.
+    Two steps of Gauss and Newton, from `first` (S, K) on, or from the guess. Of states (S, N), the records that they
+    belong to (N,) and a count, `run` returns so many first samples of the output. Gaussian priors have means `guess`
+    and deviations `wide`, (S, K); `heads` (T, K) are measured, NaN where nothing was, with a noise (K,) in the output's
+    unit.
     """
     count, records = guess.shape
-    heads = heads[:HEAD]
     known = np.isfinite(heads)
     samples = np.maximum(known.sum(axis=0), 1)
     step = 1e-2 * wide
     moves = np.concatenate([np.zeros((1, count)), np.eye(count)])
-    state, lost = guess.copy(), np.zeros(records, dtype=bool)
+    state, lost = (guess if first is None else first).copy(), np.zeros(records, dtype=bool)
     for _ in range(2):
         tried = (state + moves[:, :, None] * step).transpose(1, 0, 2).reshape(count, -1)
         found = run(tried, np.tile(np.arange(records), count + 1), len(heads)).reshape(-1, count + 1, records)

@@ -3,6 +3,7 @@
 from dataclasses import replace
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from stages.science.discrepancy.decision import decide
@@ -25,7 +26,8 @@ from tests.science.discrepancy.simulated_records import (
 from tests.science.plant.machines import read_plant
 
 approx = pytest.approx
-PLANTS = {drive: "servo_drive", lag: "first_order", joint: "pam_joint", pendulum: "second_order", belt: "second_order"}
+DRIVE = "servo_drive"
+PLANTS = {drive: DRIVE, lag: "first_order", joint: "pam_joint", pendulum: "second_order", belt: "second_order"}
 SIZES = {
     "viscous_friction": lambda its, plant: its["share"] / plant.time_scale_s,
     "coulomb_friction": lambda its, plant: its["share"] * plant.output_scale / plant.time_scale_s**2,
@@ -114,6 +116,20 @@ def test_nothing_is_named_where_nothing_was_planted(plain):
     assert state.output.averaged > 1 or "noise" not in plain
     found = read_values(state)[0]
     assert {name: found[name] for name in constants} == constants
+
+
+def test_drives_that_begin_in_motion_are_simulated_to_the_noise_of_their_sensor():
+    noise, tables = 3e-4, []
+    for k in range(4):
+        signals, step_s = drive(10 + k, noise=noise, samples=1000)
+        tables.append(tabulate(signals, step_s, f"drive {k}", blocks=1))
+    state = build_records(
+        *(pd.concat(each, ignore_index=True) for each in zip(*tables, strict=True)), read_plant(DRIVE)
+    )
+    found, names = look(state)
+    assert names == []
+    left = found.outputs[0].nominal.raw.sum() / found.outputs[0].samples.sum()
+    assert np.sqrt(left * found.outputs[0].output.averaged) == approx(noise, rel=0.1)
 
 
 @pytest.mark.slow

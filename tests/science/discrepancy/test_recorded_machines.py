@@ -47,6 +47,7 @@ MAPS = {
         "parts.last_share=0.4",
     ],
 }
+PUBLISHED_MASS = 95.1  # Janot, Gautier and Brunot 2019
 PARTS = ["parts.fitted=[est]", "parts.verification=[val]"]
 
 pytestmark = pytest.mark.skipif(not DATA.exists(), reason=f"recorded data of others are needed at {DATA}")
@@ -66,7 +67,7 @@ def run(pamid, path, *more):
     [
         (TANKS, PARTS, {"saturation", "overflow"}, 0.3, 0.175),
         (JOINT, [], {"hysteresis"}, 0.3, 0.099),
-        (DRIVE, PARTS, {"coulomb_friction", "viscous_friction"}, 1.0, 0.08),
+        (DRIVE, PARTS, {"coulomb_friction", "viscous_friction"}, 1.0, 0.09),
     ],
     ids=["tanks are full and run over", "a joint sticks where the force turns", "a drive rubs"],
 )
@@ -75,6 +76,8 @@ def test_what_a_machine_does_is_named_and_taken_away(path, parts, told, before, 
     assert (status, set(names)) == ("named", told)
     assert left[0] > before
     assert left[-1] < after
+    values = pd.read_parquet(pamid.runs[0] / "tables" / "amended_values.parquet").set_index("parameter")["value"]
+    assert path != DRIVE or values["mass"] == pytest.approx(PUBLISHED_MASS, rel=0.1)
 
 
 @pytest.mark.slow

@@ -4,12 +4,13 @@ import numpy as np
 import pytest
 from scipy.signal import TransferFunction, lsim
 
+from stages.science.plant.record_plant import read_initial_state
 from tests.science.discrepancy.simulated_records import configured, drive, joint
 from tests.science.plant.machines import begin_surely, read_plant, simulate, solve
 
 STEP_S = 0.01
 JOINT = {"gain": 0.5, "bias": 1.0, "stiffness": 20.0, "stiffening": 0.1, "damping": 4.0, "input_delay_s": 0.0}
-DRIVE = {"mass": 4.0, "force_offset": 0.5, "start_shift": 0.0, "start_rate_shift": 0.0, "input_delay_s": 0.0}
+DRIVE = {"mass": 4.0, "force_offset": 0.5, "input_delay_s": 0.0}
 
 
 def read_joint(**changes):
@@ -108,12 +109,22 @@ def move(force, effects=(), begun=None, between="linear", **changes):
     return simulate(read_drive(between_samples=between), {"force_n": force}, {**DRIVE, **changes}, effects, begun)
 
 
-def test_a_constant_force_draws_a_parabola_from_a_place_and_rate_that_may_be_shifted():
+def test_a_constant_force_draws_a_parabola_from_the_place_and_rate_in_which_a_record_begins():
     time = np.arange(200) * STEP_S
     begun = begin_surely(0.1, -0.3)
     np.testing.assert_allclose(move(np.full(200, 1.5), begun=begun), 0.1 - 0.3 * time + 0.25 * time**2, atol=1e-12)
-    found = move(np.full(200, -0.5), begun=begun, start_shift=0.02, start_rate_shift=-0.05)
-    np.testing.assert_allclose(found, 0.12 - 0.35 * time, atol=1e-12)
+
+
+def test_all_of_a_record_says_at_which_rate_a_drive_began():
+    """The first samples tell it to .2 per second here, by which a free mass is 2 astray in the end."""
+    time, noise = np.arange(1000) * STEP_S, 0.01
+    measured = 0.1 - 0.3 * time + 0.25 * time**2 + noise * np.random.default_rng(3).standard_normal(1000)
+    signals = {"force_n": np.full(1000, 1.5), "position_m": measured}
+    begun = read_initial_state([measured[:50]], STEP_S)
+    found = simulate(read_drive(), signals, DRIVE, (), begun)
+    assert np.sqrt(np.mean((found - measured) ** 2)) == pytest.approx(noise, rel=0.1)
+    without = simulate(read_drive(), {"force_n": signals["force_n"]}, DRIVE, (), begun)
+    assert np.sqrt(np.mean((without - measured) ** 2)) > 5 * noise
 
 
 @pytest.mark.parametrize("hertz", [0.5, 2.0])

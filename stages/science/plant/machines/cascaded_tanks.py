@@ -17,7 +17,7 @@ from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import Signals, Values
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
 from stages.science.plant.filters import read
-from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Watched, begin, collect
+from stages.science.plant.record_plant import HEAD, InitialState, Placed, Positive, RecordPlant, Watched, begin, collect
 from stages.science.signals.trajectories import Array
 
 SITE = "tank"
@@ -175,7 +175,7 @@ class CascadedTanks(RecordPlant):
             state = np.stack([np.maximum(begun.rate + lower_outflow * np.sqrt(lower), 0.0), lower])
         if begun is not None and self.output in signals:
             wide = np.full(state.shape, self.output_scale) / np.array([[self.time_scale_s], [1.0]])
-            state = begin(run, state, wide, signals[self.output], begun.noise)
+            state = begin(run, state, wide, signals[self.output][:HEAD], begun.noise)
         return run(state, np.arange(len(columns)), columns.shape[1])
 
     def watch(self, signals: Signals, step_s: float, constants: Values) -> list[Watched]:

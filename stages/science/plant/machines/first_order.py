@@ -18,7 +18,7 @@ from stages.science.plant.effect import Signals, Values
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
 from stages.science.plant.filters import read
 from stages.science.plant.linear_guess import filter_derivatives, find_pace, regress
-from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Tries, begin, collect
+from stages.science.plant.record_plant import HEAD, InitialState, Placed, Positive, RecordPlant, Tries, begin, collect
 from stages.science.signals.trajectories import Array
 
 SITE = "lag"
@@ -184,7 +184,7 @@ class FirstOrder(RecordPlant):
         if begun is not None:
             start = (begun.value[None] - constants["offset"]) / scale
             if self.output in signals:
-                heads = (signals[self.output] - constants["offset"]) / scale
+                heads = (signals[self.output][:HEAD] - constants["offset"]) / scale
                 error, noise = np.maximum(begun.value_error[None] / scale, 1e-6), begun.noise / scale
                 start = begin(run, start, error, heads, noise)
         return constants["offset"] + scale * run(start, np.arange(len(columns)), columns.shape[1])

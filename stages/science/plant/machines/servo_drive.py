@@ -9,15 +9,13 @@ from typing import ClassVar, Literal
 import numpy as np
 from pydantic import Field
 
-from stages.science.plant.effect import Signals, Values
+from stages.science.plant.effect import Effect, Signals, Values
 from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
 from stages.science.plant.motion_plant import Guess, MotionConstants, MotionPlant, Pull
-from stages.science.plant.record_plant import AT_REST, InitialState, Watched
+from stages.science.plant.record_plant import InitialState, Watched
 from stages.science.signals.trajectories import Array
 
-START = 0.002
-"""Least error of the place, in scales, and of the velocity, in scales per pace, in which a record begins."""
 MOVING, FEWEST_MOVING = 0.1, 100
 """Velocity over the largest, above which a drive moves; and samples of which its mass is guessed, at least."""
 SMOOTHED = 0.1
@@ -29,8 +27,6 @@ class DriveConstants(MotionConstants):
 
     mass: NominalConstant = Field(description="force over acceleration")
     force_offset: NominalConstant = Field(description="what the amplifier adds to the force, or gravity")
-    start_shift: NominalConstant = Field(description="of the place in which a record begins, beside what is read there")
-    start_rate_shift: NominalConstant = Field(description="of the velocity in which it begins")
 
 
 class ServoDrive(MotionPlant):
@@ -45,10 +41,14 @@ class ServoDrive(MotionPlant):
     force: str
     constants: DriveConstants
 
+    def offers(self, effect: Effect) -> bool:
+        """Return whether an effect can act: an offset of the sensor is that of the place in which a record begins."""
+        return effect.name != "sensor_offset"
+
     def pull(self, signals: Signals, constants: Values) -> Pull:
         """Return force over mass."""
         push = (signals[self.force] + constants["force_offset"]) / constants["mass"]
-        return Pull(push, 0.0, 0.0, 0.0, (constants["start_shift"], constants["start_rate_shift"]))
+        return Pull(push, 0.0, 0.0, 0.0)
 
     def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState) -> Guess:
         """Return the mass that filtered records show beside friction and springs, and no offset."""
@@ -60,14 +60,9 @@ class ServoDrive(MotionPlant):
         largest = max(float(np.abs(f[:, 0]).max()) for f in derivatives[self.force])
         quickest = max(float(np.abs(q[skipped:, 2]).max(initial=0.0)) for q in derivatives[self.output])
         mass = 1.0 / per_mass if per_mass > 0.0 else largest / max(quickest, 1e-12)
-        place = START * self.know("output_scale")
-        rate = max(place / self.know("time_scale_s"), AT_REST * float(begun.rate_error.max()))
-        place = max(place, float(begun.value_error.max()))
         return {
             "mass": (mass, 0.05 * mass, 20.0 * mass, mass),
             "force_offset": (0.0, -largest, largest, 0.2 * largest),
-            "start_shift": (0.0, -20.0 * place, 20.0 * place, place),
-            "start_rate_shift": (0.0, -20.0 * rate, 20.0 * rate, rate),
         }
 
     def watch(self, signals: Signals, step_s: float, constants: Values) -> list[Watched]:
@@ -76,6 +71,13 @@ class ServoDrive(MotionPlant):
 
         width = max(SMOOTHED * self.know("time_scale_s") / step_s, 1.0)
         return self.list_watched(gaussian_filter1d(signals[self.output], width, axis=0), signals, step_s)
+
+    def respond(self, features: Array, step_s: float) -> Array:
+        """Return features as they are, and where they would push the mass, (T, K, 2 F), beside any steady motion."""
+        pushed = np.cumsum(np.cumsum(features.reshape(len(features), -1), axis=0), axis=0)
+        steady = np.linalg.qr(np.vander(np.linspace(-1.0, 1.0, len(features)), 2))[0]
+        answer = (pushed - steady @ (steady.T @ pushed)).reshape(features.shape)
+        return np.concatenate([features, answer / np.maximum(answer.std(axis=(0, 1)), 1e-300)], axis=2)
 
 
 def _leave_out_rest(rows: Sequence[Array], outputs: Sequence[Array], skipped: int) -> tuple[list[Array], list[Array]]:
