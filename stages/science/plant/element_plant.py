@@ -14,14 +14,18 @@ from pydantic import Field, model_validator
 from stages.science.plant.effect import Bench, Effect, Signals, Values
 from stages.science.plant.effect_config import EffectConfig
 from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Watched
-from stages.science.signals.filtering import differentiate
+from stages.science.signals.filtering import choose_window, differentiate, smooth
 from stages.science.signals.trajectories import Array
 
 SITE = "element"
 PATH, RATE = "path", "rate"
 """Names of displacement and its rate per second among the signals that an answer is made of; unit of `along`."""
 SMOOTHED, CUBIC = 0.15, 3
-"""Window, paces, and order of the polynomials by which a displacement is differentiated."""
+"""Longest window, paces, and order of the polynomials by which a displacement is differentiated."""
+FEWEST = 4
+"""Paces between samples of a window below which nothing is smoothed."""
+PLACES, MOVED = 8, 1e-3
+"""Parts of the way in which it is told whether the answer follows what is rough, and the chance below which it does."""
 STILL = 1e-9
 """Range of a signal over its largest value, up to which it stands still but for rounding."""
 
@@ -39,6 +43,8 @@ class ElementPlant(RecordPlant):
     along: str = Field(description="signal along which the element is moved")
     against: str | None = Field(None, description="signal that is subtracted from it, as the other of two pressures")
     speed: str | None = Field(None, description="measured rate of it, unit of `along` per s; null = its difference")
+    path_window_s: float | None = Field(None, ge=0.0, description="in which it is smoothed, s; null = by its noise")
+    rate_window_s: float | None = Field(None, ge=0.0, description="in which its rate is told, s; null = by its noise")
     pressing: list[str | None] = Field([], description="signals with whose mean size friction may grow")
     pressing_scale: Positive | None = Field(None, description="largest mean size of `pressing`, its unit")
     along_middle: float | None = Field(description="value of `along` from which effects count, its unit")
@@ -97,13 +103,34 @@ class ElementPlant(RecordPlant):
             )
         way = 0.5 * float(np.ptp(along))
         speed = float(np.mean(np.concatenate([np.abs(np.diff(each)) for each in paths]))) / step_s
+        time_scale_s = self.time_scale_s or (way / speed if speed > 0.0 else 1.0)
         pressing = {"pressing_scale": max(float(self.press(each).max()) for each in records)} if self.pressing else {}
         return pressing | {
             "along_middle": 0.5 * float(along.max() + along.min()),
             "along_scale": way,
             "output_scale": max(0.5 * float(np.ptp(answer)), 1e-12),
-            "time_scale_s": way / speed if speed > 0.0 else 1.0,
+            "time_scale_s": time_scale_s,
+            "path_window_s": self._choose_path_window(records, step_s, SMOOTHED * time_scale_s),
+            "rate_window_s": choose_window(paths, 1.0 / step_s, SMOOTHED * time_scale_s, CUBIC, 1),
         }
+
+    def _choose_path_window(self, records: Sequence[Signals], step_s: float, longest_s: float) -> float:
+        """Return the window in which the displacement is smoothed; 0 where what that takes away moves the answer."""
+        paths, answers = [self.displace(each) for each in records], [each[self.output] for each in records]
+        window_s = choose_window(paths, 1.0 / step_s, longest_s, CUBIC, 0)
+        if window_s < FEWEST * step_s:
+            return 0.0
+        path = np.concatenate(paths)
+        rough, answered = (
+            np.concatenate([each - smooth(each[:, None], step_s, window_s)[:, 0] for each in some])
+            for some in (paths, answers)
+        )
+        from scipy.stats import chi2
+
+        product = rough * answered
+        parts = np.array_split(np.argsort(path), PLACES)  # a law's slope may turn
+        chance = float(chi2.sf(sum(product[at].sum() ** 2 / (product[at] ** 2).sum() for at in parts), PLACES))
+        return 0.0 if chance < MOVED else window_s
 
     def simulate(
         self,
@@ -136,12 +163,16 @@ class ElementPlant(RecordPlant):
 
     def refine(self, signals: Signals, step_s: float) -> Signals:
         """Return signals (T, R) with the displacement, and its rate per second."""
+        window_s = self.path_window_s or 0.0
+        if window_s >= FEWEST * step_s:
+            moved = {name: smooth(signals[name], step_s, window_s) for name in (self.along, self.against) if name}
+            signals = {**signals, **moved}
         path = self.displace(signals)
         return {**signals, PATH: path, RATE: signals[self.speed] if self.speed else self._differentiate(path, step_s)}
 
     def _differentiate(self, path: Array, step_s: float) -> Array:
-        window_s = min(SMOOTHED * self.movement_s, len(path) * step_s - 2.0 * step_s)
-        return differentiate(path, 1.0 / step_s, window_s, CUBIC)
+        window_s = self.rate_window_s or SMOOTHED * self.movement_s
+        return differentiate(path, 1.0 / step_s, min(window_s, (len(path) - 2) * step_s), CUBIC)
 
     def set_up(self, signals: Signals, step_s: float, start_s: Array) -> Bench:
         """Return what effects look at, for signals as `refine` returns them, (T, R)."""

@@ -50,6 +50,34 @@ def test_a_law_that_is_a_little_wrong_gets_no_name(machine, rate_hz, generator):
     assert search_bench(machine, "none", 0.0, rate_hz, generator)[0] == []
 
 
+def record_spring(generator, noise, viscous=0.0, records=4):
+    """A spring of 200 N per scale that is moved smoothly, with dashpot, and noise of the position read, in scales."""
+    tables = []
+    for k in range(records):
+        way = (wander(generator, 1500, 400) + 0.3 * wander(generator, 1500, 30)) / 3.0
+        force = 200.0 * (way + viscous * np.gradient(way, 0.01)) + 0.3 * generator.standard_normal(1500)
+        read = way + noise * generator.standard_normal(1500)
+        tables.append(tabulate({"position_m": read, "force_n": force}, 0.01, f"record {k}", blocks=2))
+    plant = read_plant("static_map", along="position_m", output="force_n")
+    return build_records(*(pd.concat(each, ignore_index=True) for each in zip(*tables, strict=True)), plant)
+
+
+def test_a_dashpot_is_no_late_sensor(generator):
+    """The position is read without noise: a rate through a wide window leaves what a shift of the answer takes."""
+    found, names = look(record_spring(generator, 0.0, viscous=0.03))
+    assert names == ["viscous_friction"]
+    left = found.outputs[0].current.raw.sum() / found.outputs[0].samples.sum()
+    assert np.sqrt(left * found.outputs[0].output.averaged) == pytest.approx(0.3, rel=0.1)
+
+
+def test_noise_of_the_position_that_is_read_is_no_memory(generator):
+    """Left in, it passes into the simulated force, and whatever averages over time takes it away."""
+    found, names = look(record_spring(generator, 0.02))
+    verdict = decide(found, DISCREPANCY, generator)
+    assert (names, verdict.status) == ([], "no_discrepancy")
+    assert record_spring(generator, 0.02).plant.path_window_s > 0.0
+
+
 def test_a_reading_that_ends_in_a_record_with_holes_comes_to_a_verdict(pamid, tmp_path, generator):
     """A spring whose sensor ends, with values missing here and there, one whole block of them, and much of another."""
     force = 40.0 * wander(generator, 4800, 160)

@@ -3,9 +3,10 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import savgol_filter
 
 from stages.science.plant.filters import respond
-from stages.science.signals.filtering import decimate, white_share
+from stages.science.signals.filtering import choose_window, decimate, white_share, window_length
 from stages.science.signals.measures import find_delay
 from stages.science.signals.noise import band_noise
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
@@ -139,3 +140,26 @@ def test_a_lag_of_a_decimated_command_is_the_decimated_lag(factor):
 def test_the_share_of_white_noise_that_is_left_is_told(generator, factor):
     noise = generator.standard_normal((20000, 4))
     assert decimate(noise, factor).var() == pytest.approx(white_share(factor), rel=0.05)
+
+
+@pytest.mark.parametrize("noise", [1e-4, 1e-3, 1e-2, 1e-1])
+@pytest.mark.parametrize("derivative", [0, 1])
+def test_a_window_is_chosen_that_errs_little_more_than_the_best(noise, derivative):
+    """The best is known here, where the signal is; the choice sees noise alone."""
+    generator, time = np.random.default_rng(5), np.arange(0.0, 20.0, 0.01)
+    phases = 2.0 * np.pi * generator.random(5)
+    told = [np.sin(rate * time + phase) for rate, phase in zip((0.7, 1.3, 2.1, 3.4, 5.5), phases, strict=True)]
+    turned = [rate * np.cos(rate * time + p) for rate, p in zip((0.7, 1.3, 2.1, 3.4, 5.5), phases, strict=True)]
+    truth, measured = np.sum(turned if derivative else told, axis=0), np.sum(told, axis=0)
+    measured += noise * generator.standard_normal(len(time))
+
+    def err(window_s):
+        length = window_length(100.0, window_s, 3)
+        return np.sqrt(np.mean((savgol_filter(measured, length, 3, derivative, 0.01) - truth)[200:-200] ** 2))
+
+    chosen = choose_window([measured], 100.0, 1.6, 3, derivative)
+    assert err(chosen) < 2.0 * min(err(each) for each in np.geomspace(0.04, 1.6, 40))
+
+
+def test_a_signal_without_noise_is_not_smoothed():
+    assert choose_window([np.repeat(np.arange(40.0), 25)], 100.0, 1.6, 3, 0) == 0.0
