@@ -175,6 +175,7 @@ def verify_gap(
     odd = odd[(odd["channel"] != "pressure_kpa") | ~odd["trial"].isin(list(unsettled))]
     if status == "no_discrepancy" and len(odd):
         verdict["status"] = status = "unexplained"  # what no fitted trial shows, nothing told from noise
+        verdict["missing_probability"] = settings.search.certain
     ctx.verdict(verdict)
     spoken = " and ".join(name_signal(each)[0] for each in concerned)
     ctx.figure(

@@ -202,6 +202,7 @@ def test_what_only_opened_trials_show_is_not_called_nothing(slip_n, status, pami
     )
     assert opened in verdict["verification_trials"]
     assert (verdict["status"], verdict["effects"]) == (status, [])
+    assert (verdict["missing_probability"] >= 0.5) == (slip_n > 0.0)
     assert (f"Look at trial {opened}" in said, "cannot be told" in said) == (slip_n > 0.0, slip_n > 0.0)
 
 

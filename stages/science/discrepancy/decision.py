@@ -32,9 +32,9 @@ class Decision:
     cannot be told from noise; else ``no_discrepancy``. Effects stand, in the order added, that are probable and that
     left-out trials confirm; the others are suspected, with a probability of `certain` at most. `steps` are the fits of
     all outputs with none, one, two, ... of those that stand, `remainders` what these leave by channel. `missing` is the
-    probability that something is missing, with a name or without, `doubts` those of an effect without a name, by which
-    every name in its channel is reduced, by round of the search and channel: beside what was added or, where the last
-    round added nothing, beside its likeliest name too.
+    probability that something is missing, with a name or without, `certain` at least where that cannot be told,
+    `doubts` those of an effect without a name, by which every name in its channel is reduced, by round of the search
+    and channel: beside what was added or, where the last round added nothing, beside its likeliest name too.
     It is `blind` if so much counts as noise, or one trial errs so much more than the others, that a gap would not be
     seen, or if the simulation predicts nothing.
     """
@@ -107,7 +107,8 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
         held = weigh_remainder(found, found.named, found.undecided, limits, generator)
         by_round[-1] = {channel: each.doubt for channel, each in held.items()}
     blind = any(_is_blind(state, each, settings) for state, each in zip(found.outputs, steps[-1], strict=True))
-    left: Status = "unexplained" if blind or missing >= limits.certain else "no_discrepancy"
+    missing = max(missing, limits.certain) if blind and not stand else missing
+    left: Status = "unexplained" if missing >= limits.certain else "no_discrepancy"
     return Decision("named" if stand else left, missing, stand, suspected, steps, remainders, blind, by_round)
 
 

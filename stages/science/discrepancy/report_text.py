@@ -136,7 +136,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
         f"{_compare_with_floor(gap['before'], gap['noise_floor'])}."
     )
     left, share = verdict["remainder"], verdict["remainder"]["share"]
-    if left["status"] == "none" and verdict["missing_probability"] < settings.search.certain:
+    if left["status"] == "none" and verdict["missing_probability"] <= settings.search.certain:
         return [
             f"Whether something is missing cannot be told: the gap is {over_floor['value']:.2f} times the noise floor, "
             "but so much counts as noise, or shows in few trials alone, that it may hide what is there. Nothing is "
