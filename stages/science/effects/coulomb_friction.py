@@ -66,6 +66,25 @@ SLIDER = DynamicEffect(
     terms=name_terms(coulomb="share", sliding="sliding"),
 )
 
+STRIBECK_SLIDER = replace(
+    SLIDER,
+    form="slider_stribeck",
+    parameters=(
+        *SLIDER.parameters,
+        Parameter(
+            "rise", "1", 0.0, 4.0, 0.5, 0.5, "how much larger it is where it begins to slide, over the share", (0.7,)
+        ),
+        Parameter(
+            "falling", "1", 0.02, 2.0, 0.2, 0.2, "velocity at which half of that is left, scales per pace", (0.1, 0.4)
+        ),
+    ),
+    source=(
+        "Hess, Soom, Friction at a lubricated line contact operating at oscillating sliding velocities, J. Tribology "
+        "112 (1990)"
+    ),
+    terms=name_terms(coulomb="share", sliding="sliding", rise="rise", falling="falling"),
+)
+
 YIELDING_SLIDER = replace(
     SLIDER,
     form="slider_presliding",
@@ -116,4 +135,4 @@ SLEEVE = replace(
     ),
 )
 
-FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLEEVE, SLIDER, YIELDING_SLIDER, RUBBING_ELEMENT)
+FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLEEVE, SLIDER, STRIBECK_SLIDER, YIELDING_SLIDER, RUBBING_ELEMENT)

@@ -23,7 +23,10 @@ BENT = 12.0
 """Straight lines through points of a bent curve lie beside it by its second difference over this, on average."""
 WIDE = 8
 """Columns that are advanced together: as many numbers as one instruction takes, where there are such instructions."""
-TABLE = ("cubic", "quadratic", "hysteretic", "damping", "drag", "coulomb", "sliding", "turning", "stiction", "yielding")
+TABLE = (
+    *("cubic", "quadratic", "hysteretic", "damping", "drag", "coulomb", "sliding", "turning", "stiction", "yielding"),
+    *("rise", "falling"),
+)
 """Rows of the table of constants that the integrator reads."""
 COULOMB = TABLE.index("coulomb")
 DIVISORS = tuple(1.0 / count for count in range(10, 0, -1))
@@ -39,6 +42,8 @@ class MotionTerms(NamedTuple):
     quadratic: float = 0.0
     coulomb: float = 0.0
     sliding: float = 1.0
+    rise: float = 0.0
+    falling: float = 1.0
     stiction: float = 0.0
     yielding: float = 1.0
     drag: float = 0.0
@@ -71,10 +76,11 @@ def turn(value: float) -> float:
 def _find_rates(
     x: float, w: float, z: float, drive: float, hold: float, constants: tuple[float, ...], rubs: bool
 ) -> tuple[float, float]:
-    cubic, quadratic, hysteretic, damping, drag, coulomb, per_sliding, per_turning = constants
+    cubic, quadratic, hysteretic, damping, drag, coulomb, per_sliding, per_turning, rise, per_falling = constants
     dw = drive - (x * (hold + x * (quadratic + cubic * x)) + hysteretic * z + w * (damping + drag * abs(w)))
     if rubs:
-        dw -= coulomb * turn(w * per_sliding)
+        quick = w * per_falling
+        dw -= coulomb * turn(w * per_sliding) * (1.0 + rise / (1.0 + quick * quick))
     return dw, w * per_turning * (1.0 - (z * z if w * z > 0.0 else 0.0))
 
 
@@ -100,6 +106,8 @@ def _advance(
             table[5 * WIDE + k],
             table[6 * WIDE + k],
             table[7 * WIDE + k],
+            table[10 * WIDE + k],
+            table[11 * WIDE + k],
         )
         stuck = table[8 * WIDE + k] * s
         dw1, dz1 = _find_rates(x, w, z, drive1[k] - stuck, hold1[k], constants, rubs)
@@ -217,8 +225,9 @@ def integrate(
     told = {name: np.array([getattr(each, name) for each in terms]) for name in MotionTerms._fields}
     h = pace / substeps
     told["damping"] = damping + told["damping"]
-    told["sliding"] = np.maximum(told["sliding"], 0.5 * told["coulomb"] * h)  # a step cannot turn more sharply
-    inverted = ("sliding", "turning", "yielding")
+    largest = told["coulomb"] * (1.0 + told["rise"])
+    told["sliding"] = np.maximum(told["sliding"], 0.5 * largest * h)  # a step cannot turn more sharply
+    inverted = ("sliding", "turning", "yielding", "falling")
     table = np.stack([1.0 / told[name] if name in inverted else told[name] for name in TABLE])
     limit = np.array([1.0 / cut if cut > 0.0 else np.inf for cut in told["drive_cut"]])
     late = (told["delay"] * 2.0 * np.pi / pace + late) * (2 * substeps)

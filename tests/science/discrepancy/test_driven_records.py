@@ -172,6 +172,20 @@ def test_dry_friction_is_named_and_nothing_in_a_linear_oscillator(rub, told, gen
     assert told or decide(found, DISCREPANCY, generator).status == "no_discrepancy"
 
 
+@pytest.mark.slow
+def test_friction_that_falls_with_velocity_is_one_effect(generator):
+    """It falls as an exponential of the squared velocity, unlike the library's; without it, a drag was named too."""
+    signals, blocks = shake(
+        generator, lambda x, w: 0.02 * (1.0 + np.exp(-((w / 0.03) ** 2))) * w / np.hypot(w, 0.003), records=8
+    )
+    found, _ = look(build_records(signals, blocks, configured("silverbox")))
+    assert [(each.name, *each.forms) for each in found.named] == [("coulomb_friction", "slider_stribeck")]
+    (state,) = found.outputs
+    its = read_values(state)[1]["coulomb_friction"]
+    assert state.output.plant.output_scale * its["share"] * (1.0 + its["rise"]) == approx(0.04, rel=0.15)
+    assert state.ratio(state.current.raw) < 1.1
+
+
 @pytest.fixture(scope="module")
 def linear():
     """Signals and blocks of three records without any effect."""

@@ -51,6 +51,10 @@ RATES = {
     "linear_damping": ({"share": 0.3}, lambda x, w, z: -0.3 * w),
     "quadratic_drag": ({"share": 0.3}, lambda x, w, z: -0.3 * w * abs(w)),
     "slider": ({"share": 0.1, "sliding": 0.2}, lambda x, w, z: -0.1 * np.tanh(w / 0.2)),
+    "slider_stribeck": (
+        {"share": 0.1, "sliding": 0.2, "rise": 0.8, "falling": 0.3},
+        lambda x, w, z: -0.1 * np.tanh(w / 0.2) * (1.0 + 0.8 / (1.0 + (w / 0.3) ** 2)),
+    ),
     "bouc_wen_spring": ({"share": 0.5, "turning": 0.2}, lambda x, w, z: -0.5 * z),
 }
 
