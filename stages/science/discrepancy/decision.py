@@ -160,4 +160,4 @@ def _is_blind(state: FittedChannel, fitted: Fitted, settings: DiscrepancySetting
     measured = state.output.measured[state.output.present]
     by_trial = np.sqrt(fitted.raw[state.samples > 0.0] / state.samples[state.samples > 0.0])
     odd = bool(by_trial.max() > settings.report.odd_trial * np.median(by_trial))
-    return odd or is_hidden(state, settings.search) or error > float(measured.std())
+    return odd or is_hidden(state, settings.search.nothing_share) or error > float(measured.std())

@@ -72,7 +72,7 @@ def weigh_remainder(
         unmapped, left = _weigh(states, calm, weights, settings)
         added = any(each.forms for each in fits[1])
         ambiguous = float((unmapped > settings.ambiguous_share).mean()) if added else 0.0
-        if any(is_hidden(state, settings) for state in states):
+        if any(is_hidden(state, settings.hiding_share) for state in states):
             ambiguous = 1.0 if added else 0.0
             sure = sure if added else max(sure, settings.certain)
         both = zip(states, fits[1], strict=True)
@@ -119,9 +119,9 @@ def _square_without_line(state: FittedChannel, fitted: Fitted) -> Array:
     return np.asarray((residual**2).sum(axis=0))
 
 
-def is_hidden(state: FittedChannel, settings: SearchSettings) -> bool:
-    """Return whether the noise floor is so high that neither a name nor its absence is certain."""
-    return bool(state.floor**2 - state.noise.white**2 > (settings.hiding_share * state.output.range) ** 2)
+def is_hidden(state: FittedChannel, share: float) -> bool:
+    """Return whether the noise floor, white noise apart, is above a share of the range: it may hide so much."""
+    return bool(state.floor**2 - state.noise.white**2 > (share * state.output.range) ** 2)
 
 
 def _draw_gap(states: Sequence[FittedChannel], weights: Array, raws: Sequence[Array]) -> Array:

@@ -46,6 +46,7 @@ class SearchSettings(Declared):
     clear_ratio: float = Field(gt=1.0)
     largest_jitter: float = Field(gt=0.0)
     hiding_share: float = Field(gt=0.0, lt=1.0)
+    nothing_share: float = Field(gt=0.0, lt=1.0)
     ambiguous_weight: float = Field(ge=0.0, le=1.0)
     left_out: list[str] = Field(description="effects that are not looked for")
 
