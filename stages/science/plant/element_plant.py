@@ -10,6 +10,7 @@ from typing import ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
+from scipy.special import chdtrc
 
 from stages.science.plant.effect import Bench, Effect, Signals, Values
 from stages.science.plant.effect_config import EffectConfig
@@ -125,12 +126,10 @@ class ElementPlant(RecordPlant):
             np.concatenate([each - smooth(each[:, None], step_s, window_s)[:, 0] for each in some])
             for some in (paths, answers)
         )
-        from scipy.stats import chi2
-
         product = rough * answered
         parts = np.array_split(np.argsort(path), PLACES)  # a law's slope may turn
-        chance = float(chi2.sf(sum(product[at].sum() ** 2 / (product[at] ** 2).sum() for at in parts), PLACES))
-        return 0.0 if chance < MOVED else window_s
+        squares = sum(product[at].sum() ** 2 / max((product[at] ** 2).sum(), 1e-300) for at in parts)
+        return 0.0 if chdtrc(PLACES, squares) < MOVED else window_s
 
     def simulate(
         self,

@@ -6,9 +6,9 @@ import numpy as np
 
 from stages.science.signals.trajectories import Array
 
-MEDIAN, WORSE = 0.6745, 1.25
-"""Median size of a standard normal deviate; and squared difference over that which noise alone makes, from which two
-windows differ by more."""
+MEDIAN, WORSE, ERRORS = 0.6745, 1.25, 3.0
+"""Median size of a standard normal deviate; squared difference over that which noise alone makes, beside so many of its
+standard errors, from which two windows differ by more."""
 LAGS_S = tuple(0.005 * 2.0**each for each in range(7))
 DELAYS_S = (0.0, 0.01, 0.02, 0.04, 0.08)
 """Time constants and delays of valves that are tried first, up to a third and a twelfth of a second."""
@@ -48,28 +48,34 @@ def choose_window(
 
     Of none, the longest and its halves, it is the longest one through which that differs from what each shorter one
     tells by no more than the noise of the latter (Lepskii, On a problem of adaptive estimation in Gaussian white noise,
-    Theory Probab. Appl. 35, 1991). The noise is told by fifth differences. Without a window, 0, there is no derivative.
+    Theory Probab. Appl. 35, 1991). The noise is told by fifth differences: for a derivative by their mean square, which
+    sees the steps of an encoder, for the signal itself by their median, as its own steps are no noise. A derivative of
+    what mostly repeats itself takes the longest; without a window, 0, there is none.
     """
     from scipy.signal import savgol_coeffs, savgol_filter
 
-    bends = np.concatenate([np.diff(each, 5) for each in signals])
-    noise = float(np.median(np.abs(bends))) / (MEDIAN * np.sqrt(252.0))
+    if derivative and np.median(np.abs(np.concatenate([np.diff(each) for each in signals]))) == 0.0:
+        return longest_s
+    bends = np.abs(np.concatenate([np.diff(each, 5) for each in signals])) / np.sqrt(252.0)
+    noise = float(np.sqrt(np.mean(bends**2)) if derivative else np.median(bends) / MEDIAN)
     shortest, step_s = min(len(each) for each in signals), 1.0 / sampling_rate_hz
     lengths, length = [], window_length(sampling_rate_hz, longest_s, order)
     while length >= window_length(sampling_rate_hz, 0.0, order + 1):
         lengths.append(length)
         length = 2 * (length // 4) + 1
     chosen = 0
-    shorter: list[tuple[Sequence[Array], float]] = [] if derivative else [(signals, noise**2)]
+    samples = sum(map(len, signals))
+    shorter: list[tuple[Sequence[Array], float]] = [] if derivative else [(signals, WORSE * noise**2)]
     for length in reversed([each for each in lengths if 2 * each <= shortest]):
         told = length, order, derivative, step_s
         found = [savgol_filter(each, *told) for each in signals]
         inner = slice(length // 2, -(length // 2))  # at the ends, whole windows look to one side
         apart = [[(one - other)[inner] for one, other in zip(found, own, strict=True)] for own, _ in shorter]
-        if any(np.mean(np.concatenate(d) ** 2) > WORSE * own[1] for d, own in zip(apart, shorter, strict=True)):
+        if any(np.mean(np.concatenate(d) ** 2) > own[1] for d, own in zip(apart, shorter, strict=True)):
             break
         chosen, gains = length, savgol_coeffs(*told[:3], delta=step_s)
-        shorter.append((found, noise**2 * float(gains @ gains)))
+        chance = ERRORS * np.sqrt(2.0 * length / samples)
+        shorter.append((found, (WORSE + chance) * noise**2 * float(gains @ gains)))
     return (chosen - 1) * step_s if chosen else 0.0
 
 
