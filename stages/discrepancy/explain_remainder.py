@@ -47,6 +47,13 @@ REMAINDER = Table(
         "hint_share": column(float, "of its variance, what the formula takes away, trials left out", nullable=True),
         "hint_low": column(float, "lower end of the interval over resampled trials", nullable=True),
         "hint_high": column(float, "upper end of it", nullable=True),
+        "drift": column(
+            str, "the value of the model whose even drift along the session takes away most of it; or empty"
+        ),
+        "drift_unit": column(str, "unit of that value"),
+        "drift_first": column(float, "that value when the session begins", unit="of the value", nullable=True),
+        "drift_last": column(float, "and when it ends", unit="of the value", nullable=True),
+        "drift_share": column(float, "of its variance, what the drift takes away, trials left out", nullable=True),
     },
     key=("channel", "muscle"),
     brief=("channel", "muscle", "inputs", "share", "low", "high", "hint", "hint_share"),

@@ -76,7 +76,7 @@ CHANNELS = Table(
         "slow": column(float, "slow part of it", unit="of the channel", low=0),
         "slow_s": column(float, "its time constant", unit="s", low=0),
         "line_hz": column(float, "frequency of an oscillation in all trials", unit="Hz", low=0, nullable=True),
-        "remembered": column(bool, "whether a linear memory of the inputs tells most of what is reproducible"),
+        "family": column(str, "family that tells most of what is reproducible: memory, session_change, or empty"),
     },
     key=("channel", "muscle"),
     brief=("channel", "muscle", "unit", "gap", "noise_floor", "gap_over_floor", "upper"),
@@ -230,5 +230,5 @@ def summarise_channel(state: FittedChannel, weights: Any, settings: DiscrepancyS
         "upper": float(np.quantile(drawn, settings.level)),
         **state.noise._asdict(),
         "line_hz": math.nan if state.leftover.line_hz is None else state.leftover.line_hz,
-        "remembered": state.leftover.linear_memory,
+        "family": state.leftover.family,
     }

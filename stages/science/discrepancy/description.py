@@ -21,10 +21,13 @@ from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.symbolic_regression import Sketch, sketch_residual
 from stages.science.output_channels.features import list_inputs
 from stages.science.output_channels.fitting import Fit, fit
-from stages.science.output_channels.flexible import find_floor
+from stages.science.output_channels.flexible import Drift, find_drift, find_floor
 from stages.science.output_channels.output_channel import Divide, Driver, OutputChannel, compute_here
 from stages.science.plant.learned_map import LearnedMap
 from stages.science.signals.trajectories import Array
+
+MOST = 0.5
+"""Share of a residual's squares, at the interval's lower end, from which a drift of one value is told."""
 
 
 class Share(NamedTuple):
@@ -45,8 +48,9 @@ def measure_share(before: Array, after: Array, weights: Array, level: float) -> 
 class Description:
     """One output's residual, described.
 
-    Residual, (T, K), and noise floor are in the channel's unit; `share` and `sketched` are what the GP and the formula
-    take away of trials left out, and `range_part` is the part of that which the GP's range is to hold.
+    Residual, (T, K), and noise floor are in the channel's unit; `share`, `sketched` and `drifted` are what the GP, the
+    formula and the drift of one value take away of trials left out, and `range_part` is the part of the first which the
+    GP's range is to hold.
     """
 
     output: OutputChannel
@@ -56,6 +60,8 @@ class Description:
     share: Share
     sketch: Sketch
     sketched: Share
+    drift: Drift
+    drifted: Share
     range_part: float
     patch: LearnedMap | None
     """Map of inputs that a simulator knows, where one is asked for and trials left out confirm it."""
@@ -144,8 +150,11 @@ def describe(
         patch, patch_share = look(known)
     sketch = sketch_residual(fitted, found.inputs, settings)
     sketched = measure_share(sketch.before, sketch.after, weights, level)
+    drift = find_drift(fitted)
+    drifted = measure_share(before, drift.left, weights, level)
     kept = patch.learned if patched and patch_share.low > 0.0 else None
-    return Description(output, residual, floor, found, share, sketch, sketched, settings.range_part, kept)
+    told = (found, share, sketch, sketched, drift, drifted)
+    return Description(output, residual, floor, *told, settings.range_part, kept)
 
 
 def _measure(residual: Array, output: OutputChannel) -> float:
@@ -167,7 +176,8 @@ def tabulate(described: Description) -> dict[str, Any]:
         **dict(zip(("share", "low", "high"), share, strict=True)),
         **dict.fromkeys(("range_low", "range_high", "range_part", "range_time"), nan),
         "hint": "",
-        **dict.fromkeys(("hint_share", "hint_low", "hint_high"), nan),
+        **dict.fromkeys(("hint_share", "hint_low", "hint_high", "drift_first", "drift_last", "drift_share"), nan),
+        **dict.fromkeys(("drift", "drift_unit"), ""),
     }
     if inputs:
         rest = described.residual - described.dependence.heldout
@@ -177,6 +187,10 @@ def tabulate(described: Description) -> dict[str, Any]:
     if inputs and described.sketch.terms and sketched.low > 0.0:
         row |= {"hint": described.sketch.formula}
         row |= dict(zip(("hint_share", "hint_low", "hint_high"), sketched, strict=True))
+    if described.drifted.low > MOST:
+        drift = described.drift
+        row |= {"drift": drift.name, "drift_unit": drift.unit, "drift_first": drift.first, "drift_last": drift.last}
+        row |= {"drift_share": described.drifted.value}
     return row
 
 

@@ -10,9 +10,10 @@ from dataclasses import dataclass, field
 import numpy as np
 from numpy.typing import NDArray
 
+from stages.science.output_channels.flexible import MEMORY
 from stages.science.signals.trajectories import Array
 
-NONE, STATIC_MAP, MEMORY = "none", "static_map", "memory"
+NONE, STATIC_MAP = "none", "static_map"
 LIKELY = 0.05
 """Share of a name's probability from which a form may be it."""
 

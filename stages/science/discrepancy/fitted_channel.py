@@ -13,13 +13,7 @@ from stages.science.discrepancy.screening import Screened, screen
 from stages.science.output_channels.families import Blocks, build_memory, build_static_map, choose_family
 from stages.science.output_channels.features import build_features
 from stages.science.output_channels.fitting import Fit, Model, fit
-from stages.science.output_channels.flexible import (
-    Leftover,
-    explain_by_features,
-    explain_by_memory,
-    explain_by_trees,
-    keep_least,
-)
+from stages.science.output_channels.flexible import Leftover, explain, explain_changing, keep_least
 from stages.science.output_channels.grams import Columns
 from stages.science.output_channels.noise import Noise, estimate_noise, make_plain
 from stages.science.output_channels.output_channel import Counts, Divide, OutputChannel, compute_here
@@ -172,11 +166,11 @@ class FittedChannel:
     def continue_from(self, current: Fitted) -> "FittedChannel":
         """Return the channel with another present fit; one without effects is its nominal fit too."""
         noise = current.estimate_noise()
-        by_features = explain_by_features(current.fit, build_features(self.output), noise)
-        by_trees, by_memory = (
-            explain(self.output, current.residual) for explain in (explain_by_trees, explain_by_memory)
-        )
-        leftover = keep_least([by_trees, by_features], self.output, by_memory=by_memory)
+        left = [
+            *explain(self.output, current.residual),
+            *explain_changing(current.fit, build_features(self.output), noise),
+        ]
+        leftover = keep_least(left, self.output)
         nominal = self.nominal if current.forms else current
         return replace(self, noise=noise, nominal=nominal, current=current, leftover=leftover)
 
@@ -199,12 +193,10 @@ def prepare(output: OutputChannel) -> FittedChannel:
 
 def _estimate_floor(rough: Fitted, nominal: Fitted) -> FittedChannel:
     output = nominal.fit.model.output
-    features, by_trees = build_features(output), explain_by_trees(output, rough.residual)
-    by_memory = explain_by_memory(output, rough.residual)
-    least = keep_least([by_trees, explain_by_features(rough.fit, features, None)], output, by_memory=by_memory)
+    plain, features = explain(output, rough.residual), build_features(output)
+    least = keep_least([*plain, *explain_changing(rough.fit, features, None)], output)
     noise = estimate_noise(least.residual, output.present, output.step_s, output.limits)
-    by_features = explain_by_features(nominal.fit, features, noise)
-    leftover = keep_least([by_trees, by_features], output, by_memory=by_memory)
+    leftover = keep_least([*plain, *explain_changing(nominal.fit, features, noise)], output)
     return FittedChannel(output, noise, nominal, nominal, leftover)
 
 

@@ -83,7 +83,7 @@ def weigh_remainder(
         line_hz = float(np.median(lines)) if lines else np.nan
         explained = {STATIC_MAP: by_map, MEMORY: told * _share_of_memory(found.rounds[-1], settings.certain)}
         most = next((each for each, its in explained.items() if its > 0.5 * told), "")
-        family = most or (MEMORY if any(state.leftover.linear_memory for state in states) else "")
+        family = most or next((state.leftover.family for state in states if state.leftover.family), "")
         doubt = max(left, settings.ambiguous_weight * ambiguous)
         remainders[channel] = Remainder(explained.get(most, told), sure, ambiguous, line_hz, family, doubt)
     return remainders

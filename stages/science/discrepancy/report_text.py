@@ -12,6 +12,7 @@ from stages.science.discrepancy.proposal import Proposed
 from stages.science.discrepancy.settings import DiscrepancySettings, ReportSettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.output_channels.features import share_outside
+from stages.science.output_channels.flexible import SESSION_CHANGE
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.plant.effect import Parameter, find_effect
@@ -20,6 +21,7 @@ from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
 
 FAMILIES = {
+    SESSION_CHANGE: "a drift of the model's values along the session",
     MEMORY: "a memory of the inputs (such as a resonance, a lag or a delay has that the plant lacks)",
     STATIC_MAP: "a static map of the measured signals (as a law has that is not quite the nominal one)",
 }
@@ -348,7 +350,9 @@ def describe_remainder(remainder: pd.DataFrame, status: str, settings: ReportSet
         if known:
             sentences.append(_describe_dependence(name, known, settings.concentrated))
         sentences += [_describe_formula(name, row) for row in known if row["hint"]][:1]
-        silent = rows.loc[rows["inputs"] == "", "muscle"].to_list()
+        drifting = rows[rows["drift"] != ""]
+        sentences += [_describe_drift(name, row) for row in drifting.to_dict("records")]
+        silent = rows.loc[(rows["inputs"] == "") & (rows["drift"] == ""), "muscle"].to_list()
         if silent:
             sentences.append(
                 f"On what depends that which stays unexplained in {name} of {_join(silent)} is not told: no Gaussian "
@@ -468,6 +472,15 @@ def _describe_dependence(name: str, rows: Sequence[Mapping[Any, Any]], concentra
         )
     others = [f"{row['muscle']} on {_join(_name_inputs(row))} ({_percent(row['share'])})" for row in rows[1:]]
     return f"{text}. Likewise {_shorten(others)}." if others else f"{text}."
+
+
+def _describe_drift(name: str, row: Mapping[Any, Any]) -> str:
+    unit = f" {row['drift_unit']}" if row["drift_unit"] not in ("", "1") else ""
+    return (
+        f"What stays unexplained in {name} of {row['muscle']} is mostly a drift of {_spell(row['drift'])} along the "
+        f"session, from {row['drift_first']:.3g} to {row['drift_last']:.3g}{unit} if it is even: on trials left out it "
+        f"takes away {_percent(row['drift_share'])}."
+    )
 
 
 def _describe_formula(name: str, row: Mapping[Any, Any]) -> str:

@@ -123,7 +123,7 @@ def restore_states(dataset: Dataset, tables: NominalTables) -> list[FittedChanne
                 np.array([float(values[each.name]) for each in output.constants]),
                 Noise(*(float(known[name]) for name in Noise._fields)),
                 residual,
-                Leftover((left**2).sum(axis=0), left, line_hz, bool(known["remembered"])),
+                Leftover((left**2).sum(axis=0), left, line_hz, str(known["family"])),
             )
         )
     return states

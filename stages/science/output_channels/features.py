@@ -153,8 +153,10 @@ def _session(output: OutputChannel, states: list[Array]) -> list[Array]:
     session = _standardise(within + output.start_s / output.time_scale_s)
     order = _standardise(np.repeat(np.arange(output.trials)[None, :], samples, axis=0).astype(float))
     time = _standardise(within)
-    trends = [each * signal for each in (session, time) for signal in states]
-    return [time, time**2, session, session**2, *trends, order, np.exp(-within / START)]
+    record = _standardise(within + output.record_start_s / output.time_scale_s)
+    times = [time, session] + [record] * (not any(np.allclose(record, each) for each in (time, session)))
+    trends = [each * signal for each in times for signal in states]
+    return [*times, *(each**2 for each in times), *trends, order, np.exp(-within / START)]
 
 
 def _standardise(signal: Array) -> Array:

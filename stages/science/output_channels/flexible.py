@@ -20,6 +20,12 @@ from stages.science.output_channels.spectral_line import find_line, remove_line
 from stages.science.signals.trajectories import Array
 
 Mask = NDArray[np.bool_]
+CALM = 1.075
+"""Gap over that beside a drift below which there is none; half of what the smallest gap of interest is above one."""
+ORDERS, FEWEST = 99, 5
+"""Other orders of the trials in all of which a drift has to explain less, and trials below which there are too few."""
+MEMORY, SESSION_CHANGE = "memory", "session_change"
+"""Families of models without a name: a linear memory of the inputs, and a drift of values along the session."""
 PENALTIES = (1e4, 1e3, 1e2, 1e1, 1.0, 1e-1)
 FOLDS = 5
 MEMORY_SAMPLES = 200
@@ -41,25 +47,33 @@ class Leftover:
     """What it leaves of each trial that it was not fitted to, (T, K)."""
     line_hz: float | None
     """Frequency of an oscillation in all trials that nothing measured explains: no noise, and not in the above."""
-    linear_memory: bool = False
-    """Whether a linear memory of the inputs leaves the least."""
+    family: str = ""
+    """The family whose model leaves the least; empty where that has none."""
 
 
-def keep_least(
-    left: Sequence[Array], output: OutputChannel, learnt: Mask | None = None, by_memory: Array | None = None
-) -> Leftover:
-    """Return the least of what several models leave, (T, K) each, without a spectral line, if it has one.
+@dataclass(frozen=True)
+class Drift:
+    """A value of a model that drifts evenly along the session: its name and unit, and the value at both ends."""
 
-    The least is told by all trials, or by those learnt, a (K,) mask; `by_memory` is that of `explain_by_memory`.
+    name: str
+    unit: str
+    first: float
+    last: float
+    left: Array
+    """Sums of squares that the drift leaves of each trial, left out in turn, (K,), in the channel's unit squared."""
+
+
+def keep_least(left: Sequence[tuple[str, Array]], output: OutputChannel, learnt: Mask | None = None) -> Leftover:
+    """Return the least of what models leave, (T, K) each, by family, without a spectral line, if it has one.
+
+    The least is told by all trials, or by those learnt, a (K,) mask.
     """
     known = np.ones(output.trials, dtype=bool) if learnt is None else learnt
-    several = [*left, *([] if by_memory is None else [by_memory])]
-    residual = min(several, key=lambda each: float((each[:, known] ** 2).sum()))
-    linear_memory = residual is by_memory
+    family, residual = min(left, key=lambda each: float((each[1][:, known] ** 2).sum()))
     line_hz = find_line(residual, output.present, output.step_s, output.limits)
     if line_hz is not None:
         residual = remove_line(residual, output.present, output.step_s, line_hz)
-    return Leftover((residual**2).sum(axis=0), residual, line_hz, linear_memory)
+    return Leftover((residual**2).sum(axis=0), residual, line_hz, family)
 
 
 def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
@@ -68,9 +82,68 @@ def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
     A channel without inputs to remember has no memory: what the fit itself leaves is never taken for a floor.
     """
     output = fit.model.output
-    by_features = explain_by_features(fit, build_features(output), noise, learnt)
-    by_trees, by_memory = (explain(output, fit.residual, learnt) for explain in (explain_by_trees, explain_by_memory))
-    return keep_least([by_features, by_trees], output, learnt, None if by_memory is fit.residual else by_memory)
+    plain = [each for each in explain(output, fit.residual, learnt) if each[1] is not fit.residual]
+    return keep_least([*explain_changing(fit, build_features(output), noise, learnt), *plain], output, learnt)
+
+
+def explain(output: OutputChannel, residual: Array, learnt: Mask | None = None) -> list[tuple[str, Array]]:
+    """Return what is left of each trial's residual, (T, K), by models that leave the output's own values; by family."""
+    by_trees = explain_by_trees(output, residual, learnt)
+    return [("", by_trees), (MEMORY, explain_by_memory(output, residual, learnt))]
+
+
+def explain_changing(
+    fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None
+) -> list[tuple[str, Array]]:
+    """Return what is left by models beside which the output's values change: of features, and of a drift of them."""
+    by_drift = explain_by_drift(fit, noise, learnt)
+    drifting = [] if by_drift is None else [(SESSION_CHANGE, by_drift)]
+    return [("", explain_by_features(fit, features, noise, learnt)), *drifting]
+
+
+def explain_by_drift(fit: Fit, noise: Noise | None, learnt: Mask | None = None) -> Array | None:
+    """Return what is left of each trial's residual, (T, K), by values that drift evenly along the session.
+
+    None where the gap falls by less than `CALM`, or would fall as far if the trials had come in another order, as it
+    may where each trial has a gain of its own (a permutation test; none tells orders of fewer than `FEWEST` trials).
+    """
+    start_s, known = fit.model.output.start_s, slice(None) if learnt is None else learnt
+    no_drift = np.empty((*fit.residual.shape, 0))
+    before, left = (explain_by_features(fit, each, noise, learnt) for each in (no_drift, build_drift(fit, start_s)))
+    square = (left[:, known] ** 2).sum()
+    if len(start_s) < FEWEST or CALM**2 * square > (before[:, known] ** 2).sum():
+        return None
+    generator, place = np.random.default_rng(0), np.argsort(np.argsort(start_s))
+    for order in (generator.permutation(len(start_s)) for _ in range(ORDERS)):
+        if np.ptp(place[order] - place) == 0 or np.ptp(place[order] + place) == 0:
+            continue  # the same order, or the opposite one, in which the same drift is seen
+        other = explain_by_features(fit, build_drift(fit, start_s[order]), noise, learnt)
+        if (other[:, known] ** 2).sum() <= square:
+            return None
+    return left
+
+
+def build_drift(fit: Fit, start_s: Array) -> Array:
+    """Return the features of values that drift evenly along a session, (T, K, P), by the trials' (K,) starts."""
+    session_s = np.arange(len(fit.residual))[:, None] * fit.model.output.step_s + start_s
+    return fit.slopes * ((session_s - session_s.mean()) / max(float(session_s.std()), 1e-300))[:, :, None]
+
+
+def find_drift(fit: Fit) -> Drift:
+    """Return the value of a model whose drift along the session predicts trials left out best."""
+    drifting, present = build_drift(fit, fit.model.output.start_s), fit.model.output.present
+    session_s = (np.arange(len(present))[:, None] * fit.model.output.step_s + fit.model.output.start_s)[present]
+    lefts = [
+        (explain_by_features(fit, drifting[:, :, [place]], None) ** 2).sum(axis=0)
+        for place in range(fit.slopes.shape[2])
+    ]
+    best = int(np.argmin([each.sum() for each in lefts]))
+    columns = np.concatenate([fit.slopes, drifting[:, :, [best]]], axis=2)[present]
+    change = np.linalg.lstsq(columns, fit.residual[present], rcond=None)[0]
+    ends = (np.array([session_s.min(), session_s.max()]) - session_s.mean()) / max(float(session_s.std()), 1e-300)
+    first, last = fit.values[best] + change[best] + change[-1] * ends
+    parameter = fit.model.parameters[best]
+    return Drift(parameter.name, parameter.unit, float(first), float(last), lefts[best])
 
 
 def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None) -> Array:

@@ -122,6 +122,11 @@ class OutputChannel(ABC):
     """Whether each trial may have an offset and a gain of its own, as parts of one record have not."""
 
     @property
+    def record_start_s(self) -> Array:
+        """Start of each trial in its record, (K,), s."""
+        return np.zeros(self.trials)
+
+    @property
     @abstractmethod
     def forms(self) -> tuple[NamedEffect, ...]:
         """Effects that can act in this channel."""

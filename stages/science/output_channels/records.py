@@ -17,6 +17,8 @@ SHARPENED = 24.0
 def spread_records(signals: pd.DataFrame, names: Sequence[str]) -> tuple[dict[str, pd.DataFrame], float]:
     """Return each record's signals, a column each, by evenly spaced times; and the time between samples, s.
 
+    Records are in the order in which they come.
+
     Raises
     ------
     ValueError
@@ -26,7 +28,7 @@ def spread_records(signals: pd.DataFrame, names: Sequence[str]) -> tuple[dict[st
     for name in names:
         if name not in wide or not wide[name].notna().any():
             raise ValueError(f"signal {name}: expected values, got none; known are {', '.join(map(str, wide.columns))}")
-    records = {str(name): rows.droplevel("record") for name, rows in wide.groupby(level="record", sort=False)}
+    records = {str(name): wide.loc[name] for name in signals["record"].unique()}
     return records, float(np.median(np.diff(next(iter(records.values())).index)))
 
 

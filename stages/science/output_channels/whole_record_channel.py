@@ -52,9 +52,10 @@ LEVEL_ERROR = 0.001
 
 
 class _Group(NamedTuple):
-    """Records that are simulated side by side: inputs (T, R) and first samples of the output, and how each begins."""
+    """Records that are simulated side by side: when and how each begins, inputs (T, R), first samples of the output."""
 
     records: tuple[int, ...]
+    start_s: Array
     signals: Mapping[str, Array]
     begun: InitialState
 
@@ -149,7 +150,7 @@ class WholeRecordChannel(OutputChannel):
 
         def work(task: tuple[_Group, Sequence[Case]]) -> Array:
             group, taken = task
-            return self.plant.simulate_each(group.signals, self.step_s, np.zeros(1), taken, group.begun)
+            return self.plant.simulate_each(group.signals, self.step_s, group.start_s, taken, group.begun)
 
         several = samples >= LONG and len(tasks) > 1 and not current_process().daemon
         found = list(_start_threads(current_process().pid or 0).map(work, tasks)) if several else map(work, tasks)
@@ -191,8 +192,21 @@ class WholeRecordChannel(OutputChannel):
                 output = np.where(np.arange(length)[:, None] < self.head, signals[self.plant.output], np.nan)
             signals[self.plant.output] = output
             begun = InitialState(*np.concatenate([self.begun[record] for record in records], axis=1))
-            groups.append(_Group(tuple(records), self.plant.refine(signals, self.step_s), begun))
+            start_s = np.array([self._begins_s[record] for record in records])
+            groups.append(_Group(tuple(records), start_s, self.plant.refine(signals, self.step_s), begun))
         return groups
+
+    @property
+    def record_start_s(self) -> Array:
+        """Start of each block in its record, (K,), s."""
+        return np.array([first for _, first in self.places]) * self.step_s
+
+    @cached_property
+    def _begins_s(self) -> dict[int, float]:
+        """Start of the records that have a block in the session, s."""
+        return {
+            record: float(at) for (record, _), at in zip(self.places, self.start_s - self.record_start_s, strict=True)
+        }
 
     @cached_property
     def _shown(self) -> dict[int, Array]:
@@ -296,7 +310,7 @@ class WholeRecordChannel(OutputChannel):
             places=tuple((k, 0) for k in range(shape[1])),
             measured=np.zeros(shape),
             present=np.ones(shape, dtype=bool),
-            start_s=np.zeros(shape[1]),
+            start_s=np.full(shape[1], self.start_s.max() + self.step_s * len(self.measured)),
             begun=(self.begun[self._used[0]],) * shape[1],
         )
 
@@ -359,6 +373,7 @@ def build_whole_records(
     filled = [{name: bridge(rows[name]) for name in (*names, *beside)} for rows in thinned]
     known = [_find_known(rows, plant, resolved.memory_s / step_s) for rows in thinned]
     samples = int(trials["samples"].max()) // stride
+    begins_s = np.cumsum([0.0, *(len(rows) * step_s for rows in thinned)])
     places, measured, present, forgotten = [], [], [], 0
     for block in trials.to_dict("records"):
         record, first = order[str(block["record"])], round(block["start_s"] / step_s)
@@ -385,7 +400,7 @@ def build_whole_records(
         tuple(places),
         np.stack(measured, axis=1),
         np.stack(present, axis=1),
-        trials["start_s"].to_numpy(dtype=float),
+        np.array([begins_s[record] + first * step_s for record, first in places]),
         resolved.element,
         tuple(read_initial_state([each[plant.output][:HEAD]], first_s, 0.5 * (step_s - first_s)) for each in bridged),
         max(HEAD // stride, 3),

@@ -178,6 +178,22 @@ def test_a_planted_drag_is_described_drawn_and_told():
     assert "A hint, no finding: on toy it is about 0.05" in said
 
 
+@pytest.mark.parametrize(("grown", "told"), [(0.0, ""), (-0.6, "slope"), (0.6, "slope")])
+def test_a_slope_that_drifts_along_the_session_is_told_with_both_ends(grown, told):
+    """The slope is 1.4; ten trials begin ten seconds apart, and last three."""
+    toy = make_toy(0, trials=TRIALS)
+    session = (np.arange(len(toy.x))[:, None] * toy.step_s + toy.start_s) / 93.0
+    found = describe_line(lambda x, v: grown * session * x)
+    row = tabulate(found)
+    assert row["drift"] == told
+    if told:
+        assert row["drift_first"] == pytest.approx(1.4, abs=0.05)
+        assert row["drift_last"] == pytest.approx(1.4 + grown, abs=0.05)
+        assert row["drift_share"] == pytest.approx(row["above_floor"], abs=0.05)
+        said = " ".join(describe_remainder(pd.DataFrame([row]), "unexplained", DISCREPANCY.report))
+        assert "mostly a drift of slope along the session, from 1." in said
+
+
 def test_of_noise_nothing_is_told_but_that():
     row = tabulate(describe_line(None))
     assert (row["inputs"], row["hint"]) == ("", "")

@@ -7,7 +7,13 @@ import pytest
 
 from stages.science.output_channels.features import build_features
 from stages.science.output_channels.fitting import Model, fit
-from stages.science.output_channels.flexible import explain_by_features, explain_by_trees, find_floor, keep_least
+from stages.science.output_channels.flexible import (
+    explain_by_drift,
+    explain_by_features,
+    explain_by_trees,
+    find_floor,
+    keep_least,
+)
 from stages.science.output_channels.noise import Noise, make_plain
 from tests.science.discrepancy.toys import make_toy
 
@@ -56,6 +62,20 @@ def test_features_have_the_play_and_the_kinks_of_a_state(hidden):
     assert measure(explain_by_features(nominal, build_features(output), None), output) < 1.1 * NOISE
 
 
+def test_a_slope_that_falls_from_trial_to_trial_drifts_and_slopes_in_no_order_do_not():
+    """The same twelve slopes; in ten orders by chance, one at most may look like a drift."""
+    slopes, drifting = np.linspace(-0.5, 0.5, 12), []
+    for order in [np.arange(12)[::-1], *(np.random.default_rng(seed).permutation(12) for seed in range(10))]:
+        toy = make_toy(1, noise=NOISE, trials=12)
+        output = replace(toy, measured=toy.measured + slopes[order] * toy.x)
+        nominal = fit(Model(output), make_plain(NOISE), Model(output).start)
+        left = explain_by_drift(nominal, None)
+        drifting.append(left is not None and measure(left, output) < 1.1 * NOISE)
+        assert measure(nominal.residual, output) > 2.0 * NOISE
+    assert drifting[0]
+    assert sum(drifting[1:]) <= 1
+
+
 def test_trials_that_are_not_learnt_teach_nothing_and_those_without_samples_are_passed_over():
     output, nominal = fit_line(1, WAVE)
     learnt = np.arange(8) < 6
@@ -75,10 +95,11 @@ def test_the_least_is_kept_and_a_line_is_no_noise():
     residual = output.measured - output.measured.mean()
     noise = NOISE * np.random.default_rng(5).standard_normal(residual.shape)
     ringing = noise + 0.2 * np.sin(2.0 * np.pi * 20.0 * time)
-    kept = keep_least([residual, ringing], output)
+    kept = keep_least([("memory", residual), ("", ringing)], output)
     assert kept.line_hz == pytest.approx(20.0, abs=0.1)
     assert np.sqrt(kept.raw.sum() / ringing.size) == pytest.approx(NOISE, rel=0.05)
-    assert keep_least([noise], output).line_hz is None
+    assert kept.family == ""
+    assert keep_least([("", noise)], output).line_hz is None
 
 
 def test_the_floor_of_opened_trials_is_the_noise_as_estimated_and_not_what_the_fit_leaves():

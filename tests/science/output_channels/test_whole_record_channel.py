@@ -165,8 +165,26 @@ def test_a_resonance_that_the_input_sets_off_is_no_noise(generator, pulled):
     force = 300.0 * way + pulled * rings / rings.std() + 0.05 * generator.standard_normal(4800)
     state = prepare(build_force(way, force, time_scale_s=2.0))
     gap = np.sqrt(state.nominal.raw.sum() / state.samples.sum())
-    assert state.leftover.linear_memory == (pulled > 0.0)
+    assert (state.leftover.family == "memory") == (pulled > 0.0)
     assert (gap > 3.0 * 0.05 and state.floor < 0.6 * gap) if pulled else 0.97 * 0.05 < state.floor < 1.05 * 0.05
+
+
+@pytest.mark.parametrize("heated", [0.0, 0.6])
+def test_records_follow_one_another_in_the_order_of_the_file(generator, heated):
+    """Twelve, whose names are no alphabet, of a clock that begins anew; the slope falls from the first to the last."""
+    rows, blocks = [], []
+    for k in range(12):
+        way = move(k, 400)
+        force = 300.0 * (1.0 - heated * k / 11.0) * way + 0.05 * generator.standard_normal(400)
+        signals, trials = tabulate({"position_m": way, "force_n": force}, blocks=1)
+        rows.append(signals.assign(record=f"run {k + 1}"))
+        blocks.append(trials.assign(record=f"run {k + 1}"))
+    output = build_records(pd.concat(rows), pd.concat(blocks), read_plant())
+    np.testing.assert_allclose(output.start_s, 400 * STEP_S * np.arange(12))
+    state = prepare(output)
+    gap = np.sqrt(state.nominal.raw.sum() / state.samples.sum())
+    assert state.floor == pytest.approx(0.05, rel=0.15)
+    assert gap > 3.0 * 0.05 if heated else gap < 1.1 * 0.05
 
 
 @pytest.mark.slow
