@@ -40,6 +40,15 @@ def make_run(samples=200, rate_hz=100.0):
     return time, np.sin(3.0 * time), 10.0 * np.cos(2.0 * time)
 
 
+@pytest.mark.parametrize(("heading", "rate_hz"), [("Date/Time", 0.1), ("time", 100.0)])
+def test_days_of_a_spreadsheet_are_times(look, heading, rate_hz):
+    time, drive, way = make_run(rate_hz=rate_hz)
+    typed = arguments(look({heading: 46356.5 + time / 86400.0, "Drive (V)": drive, "Way (mm)": way}))
+    assert f"columns.time_s={heading}" in typed
+    assert "units.time_s=d" in typed
+    assert "units.time_s=d" not in arguments(look({heading: 300.0 + time, "Drive (V)": drive, "Way (mm)": way}))
+
+
 def test_it_tells_type_range_gaps_unit_and_use_of_every_column(look, tmp_path):
     time, force, way = make_run()
     way[50:60] = np.nan

@@ -15,6 +15,10 @@ from stages.science.signals.trajectories import Array
 
 EPOCHS = {"ns": 1e17, "us": 1e14, "ms": 1e11}
 """By unit, from where on numbers are dates in it: those in seconds would be after the year 5000."""
+DAYS = (20000.0, 80000.0)
+"""Numbers that are days of a spreadsheet, which counts from the end of 1899: of the years 1954 to 2119."""
+QUICK = 2e-5
+"""Step of such numbers below which they are no seconds: more than 50,000 samples in one."""
 SAME_RATE = 0.01
 """Relative difference of two rates that are the same."""
 
@@ -30,6 +34,13 @@ def find_epoch_unit(time: Array) -> str | None:
     """Return the unit in which numbers too large for seconds since 1970 would be dates; None where they are not."""
     latest = float(np.nanmax(np.abs(time), initial=0.0))
     return next((unit for unit, least in EPOCHS.items() if latest > least), None)
+
+
+def are_days(time: Array, dated: bool) -> bool:
+    """Return whether numbers are days of a spreadsheet, by size and steps; a heading may tell that they are dates."""
+    steps = np.diff(time)
+    within = len(steps) > 0 and DAYS[0] <= time.min() and time.max() <= DAYS[1]
+    return bool(within and (dated or 0.0 < np.median(steps) < QUICK))
 
 
 def find_rate(frame: pd.DataFrame, stream: Sequence[str], stated_hz: float | None) -> float:

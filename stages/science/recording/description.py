@@ -11,7 +11,7 @@ import numpy as np
 import pandas as pd
 
 from stages.science.recording.blocks import begins_anew, split_records
-from stages.science.recording.clock import find_epoch_unit, find_rate
+from stages.science.recording.clock import are_days, find_epoch_unit, find_rate
 from stages.science.recording.columns import TIME, RecordingError, adopt, find_mark
 from stages.science.recording.dates import is_dates
 from stages.science.recording.files.delimited import Header
@@ -97,8 +97,11 @@ def _guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], s
     texts = [name for name in filled if name not in numbers]
     guess = guess_map(numbers, texts, units, single, sorted(dates, key=lambda each: -columns[each].nunique()))
     epoch = find_epoch_unit(numeric.get(guess.columns.get(TIME, ""), np.zeros(1)))
-    if epoch is not None and TIME not in guess.units:
-        guess.units[TIME] = epoch
+    if TIME in guess.columns and TIME not in guess.units:
+        heading = guess.columns[TIME]
+        days = heading in numeric and are_days(numeric[heading], "date" in heading.casefold())
+        unit = "d" if days else epoch
+        guess.units |= {} if unit is None else {TIME: unit}
     if not guess.muscles and not guess.endings:
         _separate_records(guess, columns)
     if "part" in guess.columns:

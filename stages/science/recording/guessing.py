@@ -24,12 +24,16 @@ TIMES = (
     "elapsed",
     "date",
     "datetime",
+    "date_time",
     "x_value",
 )
 SECONDS = ("sec", "secs", "second", "seconds", "ms", "msec", "us", "usec", "ns", "nsec")
 """Names of a column of time that are its unit as well."""
 RECORDS = ("record", "rec", "run", "trial", "experiment", "exp", "repetition", "rep", "cycle", "segment", "test", "nr")
-STEPS, RATES = ("ts", "dt", "sampling_time", "sample_time", "t_sample"), ("fs", "rate", "sampling_rate", "sample_rate")
+STEPS, RATES = (
+    ("ts", "dt", "delta_x", "sampling_time", "sample_time", "t_sample"),
+    ("fs", "rate", "sampling_rate", "sample_rate"),
+)
 PARTS = ("part", "set", "split", "phase", "dataset", "purpose")
 INPUTS = ("u", "input", "in", "drive", "excitation", "command", "cmd", "u1")
 OUTPUTS = ("y", "output", "out", "response", "answer", "y1")

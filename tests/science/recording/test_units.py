@@ -26,6 +26,8 @@ from tests.conftest import ROOT
         ("joint_velocity_rad_per_s", "rpm", 1.0, constants.degree * 360.0 / 60.0),
         ("contraction_velocity_per_s", "percent/s", 1.0, 0.01),
         ("time_s", "min", 1.0, constants.minute),
+        ("time_s", "h", 1.0, constants.hour),
+        ("time_s", "d", 1.0, constants.day),
         ("position_m", "in", 1.0, constants.inch),
         ("speed_m_per_s", "mm/s", 1.0, constants.milli),
         ("drive_v", "mV", 1.0, constants.milli),

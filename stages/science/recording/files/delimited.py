@@ -50,6 +50,8 @@ REMARKED = "comment"
 APART = "'\u2019 \u00a0\u2009\u202f"
 """What sets thousands apart, beside the decimal sign of others."""
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
+UNIT_LABEL = re.compile(r"\W*\w*unit", re.IGNORECASE)
+"""How a line begins that tells the units of columns, away from their names."""
 MOMENT = re.compile(r"\d{1,4}[-./]\d{1,2}[-./]\d{1,4}|\d{1,2}:\d{2}")
 FACT = re.compile(rf"[^A-Za-z]*([A-Za-z][^:=\t;,]*?)\"?\s*[:=\t;,]+\s*\"?({NUMBER}|[-+]?\d+,\d+)\s*([^\d\s\";,]*)\W*")
 """A line that tells one number of a recording: its name, the number, its unit."""
@@ -137,7 +139,7 @@ def read_delimited(path: Path) -> tuple[pd.DataFrame, Header]:
         "decimal commas": decimal == "," and any(each.told for each in columns),
         f"{'points, not commas,' if decimal == ',' else 'commas, not points,'} before decimals, and the other before "
         f"thousands, in {', '.join(others)}": bool(others),
-        f"a row of units: {', '.join(units)}": any(units),
+        f"a row of units: {', '.join(filter(None, units))}": any(units),
         "no names of columns, which are counted: column_1, column_2, ...": not names,
         "characters of Windows (cp1252)": encoding == "cp1252",
         f"{_count(above, 'line')} above the table left alone": above > 0,
@@ -357,7 +359,9 @@ def _find_heads(
     used = heads[:1] if units is None else heads[units : units + 2]
     left = sum(bool(line.strip()) for line in lines) - len(used)
     if units is None:
-        return (heads[0] if heads else []), [], left
+        apart = (_split_head(line, separator, width, ended) for line in lines if UNIT_LABEL.match(line))
+        labelled = next((["", *row[1:]] for row in apart if row and _count_units(row[1:]) >= 0.5), [])
+        return (heads[0] if heads else []), labelled if heads else [], left
     return heads[units + 1], [each.strip("[]()") for each in heads[units]], left
 
 
@@ -408,7 +412,9 @@ def _list_facts(lines: Iterable[str]) -> dict[str, float]:
     """Return the numbers that lines above a table tell of it, by their names; times in s, frequencies in Hz."""
     found = {}
     for line in lines:
-        if told := FACT.fullmatch(line.strip()):
+        name, *values = line.strip().split("\t")
+        each_alike = len(values) > 1 and len({*values}) == 1  # a table may tell a number for each of its columns
+        if told := FACT.fullmatch("\t".join([name, values[0]]) if each_alike else line.strip()):
             name, number, unit = told.groups()
             known = read_unit(unit)
             scale = next((KINDS[kind][known] for kind in ("time", "frequency") if known in KINDS[kind]), 1.0)

@@ -23,7 +23,8 @@ Vector = NDArray[Any]
 class Variables:
     """The vectors of a MAT file, (N,), its numbers that stand alone, and why the rest cannot be read as columns.
 
-    Vectors of a struct are named ``struct.field``, the columns of a matrix ``matrix_1``, ``matrix_2``.
+    Vectors of a struct are named ``struct.field``, the columns of a matrix ``matrix_1``, ``matrix_2``, signals that
+    Simulink logs ``struct.label``.
     """
 
     vectors: dict[str, Vector] = field(default_factory=dict)
@@ -51,7 +52,7 @@ def read_variables(path: Path) -> Variables:
 
 def _sort(name: str, value: Any, found: Variables) -> None:
     if isinstance(value, dict):
-        for each, part in value.items():
+        for each, part in _spread_scope(value).items():
             _sort(f"{name}.{each}", part, found)
         return
     if isinstance(value, list):
@@ -74,6 +75,23 @@ def _sort(name: str, value: Any, found: Variables) -> None:
     else:
         columns = array if array.shape[0] >= array.shape[1] else array.T
         found.vectors |= {f"{name}_{k + 1}": column for k, column in enumerate(columns.T)}
+
+
+def _spread_scope(struct: dict[str, Any]) -> dict[str, Any]:
+    """Return a struct with the values of its signals by their labels, if it is one that Simulink logs; else itself."""
+    signals = struct.get("signals")
+    several = [signals] if isinstance(signals, dict) else signals
+    if (
+        "time" not in struct
+        or not isinstance(several, list)
+        or not all(isinstance(each, dict) and {"values", "label"} <= set(each) for each in several)
+    ):
+        return struct
+    labels = [each["label"] if isinstance(each["label"], str) else "" for each in several]
+    told = {
+        label or f"signal_{k + 1}": each["values"] for k, (label, each) in enumerate(zip(labels, several, strict=True))
+    }
+    return {"time": struct["time"], **told} if len(told) == len(several) else struct
 
 
 def _refuse(array: Vector) -> str:

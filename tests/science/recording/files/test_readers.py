@@ -113,6 +113,49 @@ def test_a_preamble_tells_the_rate_and_cells_their_unit(tmp_path):
     assert read_samples(path).to_dict("list") == {"p": [1.5, 2.5], "u": [30.0, 40.0]}
 
 
+LABVIEW = """LabVIEW Measurement|
+Separator|Tab
+X_Columns|{told}
+Date|2026/03/05
+***End_of_Header***|
+|
+Channels|2||
+Samples|3|3|
+Y_Unit_Label|Volts|rad/s|
+X0|0.0000E+0|0.0000E+0|
+Delta_X|0.010000|0.010000|
+***End_of_Header***|||
+X_Value|Drive|Speed|Comment
+{rows}
+""".replace("|", "\t")
+
+
+@pytest.mark.parametrize(("told", "times"), [("No", [""] * 40), ("One", [f"{0.01 * k:.2f}" for k in range(40)])])
+def test_a_file_of_labview_tells_step_and_units_above_the_names(tmp_path, told, times):
+    path = tmp_path / "run.lvm"
+    rows = "\n".join(f"{time}\t{k}.5\t-{k}.25\t" for k, time in enumerate(times))
+    path.write_text(LABVIEW.format(told=told, rows=rows))
+    header, frame = read_header(path), read_samples(path)
+    assert header.single["Delta_X"] == 0.01
+    assert header.units == {"Drive": "Volts", "Speed": "rad/s"}
+    assert frame["Drive"].tolist() == [k + 0.5 for k in range(40)]
+    assert frame["Speed"].tolist() == [-k - 0.25 for k in range(40)]
+    assert frame["X_Value"].isna().all() if told == "No" else frame["X_Value"].iloc[-1] == 0.39
+
+
+def test_signals_that_simulink_logs_have_their_labels(tmp_path):
+    path = tmp_path / "run.mat"
+    logged = np.zeros(3, dtype=[("values", "O"), ("dimensions", "O"), ("label", "O")])
+    wide = np.array([[5.0, 6.0], [7.0, 8.0], [9.0, 10.0]])
+    logged[:] = [(np.array(TIMES) + 1.0, 1, "drive"), (np.array(FORCES), 1, ""), (wide, 2, "mux")]
+    savemat(path, {"log": {"time": TIMES, "signals": logged, "blockName": "model/Scope"}})
+    columns = read_columns(path)
+    assert list(columns) == ["log.time", "log.drive", "log.signal_2", "log.mux_1", "log.mux_2"]
+    assert columns["log.drive"].tolist() == [1.0, 1.5, 2.0]
+    assert columns["log.signal_2"].tolist() == FORCES
+    assert columns["log.mux_2"].tolist() == [6.0, 8.0, 10.0]
+
+
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16", "cp1252"])
 def test_text_of_any_usual_encoding_is_read(tmp_path, encoding):
     path = tmp_path / "run.txt"
