@@ -150,13 +150,11 @@ def _look_aside(signal: Array, step: float) -> list[Array]:
 def _session(output: OutputChannel, states: list[Array]) -> list[Array]:
     samples, step = output.measured.shape[0], output.step_s / output.time_scale_s
     within = np.repeat((np.arange(samples) * step)[:, None], output.trials, axis=1)
-    session = _standardise(within + output.start_s / output.time_scale_s)
+    session = _standardise(within + output.record_start_s / output.time_scale_s)
     order = _standardise(np.repeat(np.arange(output.trials)[None, :], samples, axis=0).astype(float))
     time = _standardise(within)
-    record = _standardise(within + output.record_start_s / output.time_scale_s)
-    times = [time, session] + [record] * (not any(np.allclose(record, each) for each in (time, session)))
-    trends = [each * signal for each in times for signal in states]
-    return [*times, *(each**2 for each in times), *trends, order, np.exp(-within / START)]
+    trends = [each * signal for each in (session, time) for signal in states]
+    return [time, time**2, session, session**2, *trends, order, np.exp(-within / START)]
 
 
 def _standardise(signal: Array) -> Array:

@@ -123,8 +123,8 @@ class OutputChannel(ABC):
 
     @property
     def record_start_s(self) -> Array:
-        """Start of each trial in its record, (K,), s."""
-        return np.zeros(self.trials)
+        """Start of each trial in its record, (K,), s; without records, in the session."""
+        return self.start_s
 
     @property
     @abstractmethod
