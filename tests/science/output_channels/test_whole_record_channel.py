@@ -175,7 +175,8 @@ def test_records_follow_one_another_in_the_order_of_the_file(generator, heated):
     rows, blocks = [], []
     for k in range(12):
         way = move(k, 400)
-        force = 300.0 * (1.0 - heated * k / 11.0) * way + 0.05 * generator.standard_normal(400)
+        slope = 300.0 * (1.0 - heated * (k + np.arange(400) / 400.0) / 12.0)
+        force = slope * way + 0.05 * generator.standard_normal(400)
         signals, trials = tabulate({"position_m": way, "force_n": force}, blocks=1)
         rows.append(signals.assign(record=f"run {k + 1}"))
         blocks.append(trials.assign(record=f"run {k + 1}"))
