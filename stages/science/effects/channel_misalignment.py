@@ -1,8 +1,9 @@
 """Channels that were sampled at different times: the force, the pressure or the motion is late against the others.
 
-`force` shifts the load cell, `pressure` the pressure sensor; `filtered_force` and `filtered_pressure` are first-order
-filters of their amplifiers; `contraction` says by how much the recorded motion is later than the one that acted. The
-rate of contraction, which enters the mild damping alone, is left where it is. Within a sample, signals run straight.
+`force` shifts the load cell, `pressure` the pressure sensor; `filtered_force`, `filtered_pressure` and
+`element_filtered` are first-order filters of their amplifiers; `contraction` says by how much the recorded motion is
+later than the one that acted. The rate of contraction, which enters the mild damping alone, is left where it is. Within
+a sample, signals run straight.
 """
 
 from dataclasses import replace
@@ -58,6 +59,17 @@ FILTERED = replace(
     apply=lambda signal, state, parameters: lag(signal, parameters["tau_s"], state.step_s),
 )
 
+FILTERED_ELEMENT = replace(
+    LATE_ELEMENT,
+    form="element_filtered",
+    parameters=(
+        Parameter("paces", "1", 0.0, 0.5, 0.0, 0.1, "time constant of the sensor's filter over the pace", (0.03, 0.1)),
+    ),
+    source=FILTERED.source,
+    signature="the answer errs in proportion to its own rate of change, and less so after a sudden step",
+    apply=lambda answer, bench, parameters: lag(answer, parameters["paces"] * bench.time_scale_s, bench.step_s),
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -85,4 +97,5 @@ FORMS = (
         invert=_sharpen,
     ),
     LATE_ELEMENT,
+    FILTERED_ELEMENT,
 )

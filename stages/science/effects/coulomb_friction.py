@@ -85,6 +85,18 @@ STRIBECK_SLIDER = replace(
     terms=name_terms(coulomb="share", sliding="sliding", rise="rise", falling="falling"),
 )
 
+SPINNING = replace(
+    SLIDER,
+    form="lag_friction",
+    site="lag",
+    parameters=(
+        Parameter("share", "1", 0.0, 2.0, 0.0, 0.1, "velocity that it takes at rest of the lag, scales", (0.03, 0.2)),
+    ),
+    signature="velocity is short by the same amount in both directions, and stays at zero under small inputs",
+    split_by="slow triangles of the input through zero: velocity stays at zero as long as the input is small",
+    terms=name_terms(coulomb="share"),
+)
+
 YIELDING_SLIDER = replace(
     SLIDER,
     form="slider_presliding",
@@ -135,4 +147,4 @@ SLEEVE = replace(
     ),
 )
 
-FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLEEVE, SLIDER, STRIBECK_SLIDER, YIELDING_SLIDER, RUBBING_ELEMENT)
+FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLEEVE, SLIDER, STRIBECK_SLIDER, YIELDING_SLIDER, SPINNING, RUBBING_ELEMENT)

@@ -76,6 +76,21 @@ QUADRATIC = DynamicEffect(
     terms=name_terms(drag="share"),
 )
 
+SPINNING = replace(
+    QUADRATIC,
+    form="lag_quadratic_drag",
+    site="lag",
+    parameters=(
+        Parameter("share", "1", 0.0, 5.0, 0.0, 0.2, "of the drive at one scale of velocity, scales", (0.05, 0.3)),
+    ),
+    source=(
+        "Munson, Young, Okiishi, Huebsch, Fundamentals of fluid mechanics, 6th edition (2009), chapter 12: the torque "
+        "of fans and pumps grows with the square of their speed"
+    ),
+    signature="velocity is short where it is large, and falls off quicker from there",
+    split_by="steps of the input of several sizes: the velocity at rest of each",
+)
+
 DAMPED_ELEMENT = ElementEffect(
     name="viscous_friction",
     parameters=(
@@ -110,5 +125,6 @@ FORMS = (
     ),
     DAMPED_MOTION,
     QUADRATIC,
+    SPINNING,
     DAMPED_ELEMENT,
 )

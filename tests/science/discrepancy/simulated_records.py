@@ -54,6 +54,17 @@ def at(signal, k, i):
     return signal[k] + i / FINE * (signal[min(k + 1, len(signal) - 1)] - signal[k])
 
 
+def trail(signal, tau_s, step_s):
+    """What follows a signal through a filter of first order."""
+    late = np.full(len(signal), signal[0])
+    for k in range(1, len(signal)):
+        late[k] = late[k - 1]
+        for i in range(FINE):
+            middle = 0.5 * (at(signal, k - 1, i) + at(signal, k - 1, i + 1))
+            late[k] += step_s / FINE / tau_s * (middle - late[k])
+    return late
+
+
 def integrate(pull, samples, step_s, start=0.0):
     """The places of what starts at rest and is accelerated by `pull(k, i, x, v)`."""
     places, x, v = np.empty(samples), start, 0.0
@@ -79,6 +90,21 @@ def lag(seed, asymmetry=0.0, fastest=np.inf, noise=0.3, samples=3000, step_s=0.0
             x += step_s / FINE * min(max(rate, -fastest), fastest)
     pressure = 100.0 * level + 20.0 + noise * generator.standard_normal(samples)
     return {"command_v": command, "pressure_kpa": pressure}, step_s
+
+
+def motor(seed, coulomb=0.0, fan=0.0, noise=0.02, samples=3000, step_s=0.01):
+    """A motor of 10 rad/s per V and .15 s that turns both ways; friction in V, a fan in V at 10 rad/s."""
+    generator = np.random.default_rng(seed)
+    command = 1.5 * wander(generator, samples, 80)
+    speed, x = np.empty(samples), 0.0
+    for k in range(samples):
+        speed[k] = 10.0 * x
+        for i in range(FINE):
+            pulled = at(command, k, i) - x - fan * x * abs(x)
+            rubs = np.clip(pulled, -coulomb, coulomb) if x == 0.0 else coulomb * np.sign(x)
+            onward = x + step_s / FINE * (pulled - rubs) / 0.15
+            x = 0.0 if x * onward < 0.0 < coulomb else onward
+    return {"command_v": command, "speed_rad_per_s": speed + noise * generator.standard_normal(samples)}, step_s
 
 
 def joint(seed, coulomb=0.0, late=0, noise=5e-4, samples=3000, step_s=0.01):

@@ -18,6 +18,7 @@ from tests.science.discrepancy.simulated_records import (
     drive,
     joint,
     lag,
+    motor,
     pendulum,
     release,
     shake,
@@ -88,6 +89,27 @@ def test_what_was_planted_is_named_with_its_size(planted):
     found, effects = read_values(state)
     found |= {name: SIZES[name](its, state.output.plant) for name, its in effects.items()}
     assert {name: found[name] for name in expected} == expected
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("given", "named"),
+    [({"coulomb": 0.15}, {"coulomb_friction": 1.5}), ({"fan": 0.3}, {"viscous_friction": 0.03}), ({}, {})],
+    ids=["dry friction", "a fan", "neither"],
+)
+def test_friction_of_a_motor_is_named_and_none_in_a_chamber(given, named):
+    """By its size: dry friction in rad/s, a fan in 1 over rad/s."""
+    plant = read_plant("first_order", input="command_v", output="speed_rad_per_s")
+    found, names = look(build_records(*tabulate(*motor(1, **given)), plant))
+    (state,) = found.outputs
+    assert names == list(named)
+    assert state.ratio(state.current.raw) < 1.15
+    for name, its in read_values(state)[1].items():
+        scale = state.output.plant.output_scale
+        size = its["share"] * scale if name == "coulomb_friction" else its["share"] / scale
+        assert size == approx(named[name], rel=0.1)
+    chamber = build_records(*tabulate(*lag(1, samples=1400)), read_plant("first_order"))
+    assert not {"coulomb_friction", "viscous_friction"} & {form.name for form in chamber.forms}
 
 
 @pytest.mark.slow

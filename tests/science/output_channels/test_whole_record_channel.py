@@ -9,7 +9,7 @@ from stages.science.discrepancy.amendment import estimate_intervals
 from stages.science.discrepancy.fitted_channel import prepare
 from stages.science.output_channels.records import thin_out
 from tests.science.discrepancy.searches import DISCREPANCY, look, read_values
-from tests.science.discrepancy.simulated_records import build_records, move, slide, tabulate
+from tests.science.discrepancy.simulated_records import build_records, move, slide, tabulate, trail, wander
 from tests.science.plant.machines import read_plant
 
 STEP_S = 0.02
@@ -186,6 +186,25 @@ def test_records_follow_one_another_in_the_order_of_the_file(generator, heated):
     gap = np.sqrt(state.nominal.raw.sum() / state.samples.sum())
     assert state.floor == pytest.approx(0.05, rel=0.15)
     assert gap > 3.0 * 0.05 if heated else gap < 1.1 * 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("tau_s", [0.06, 0.0])
+def test_a_filter_of_the_load_cell_is_named(generator, tau_s):
+    """Of a cylinder, whose force follows its pressure; that of a spring would be told as creep of .79, or as this."""
+    pressure = 300.0 + 100.0 * wander(generator, 3000, 60)
+    force = trail(pressure, tau_s, STEP_S) if tau_s else pressure
+    force = force + 0.3 * generator.standard_normal(3000)
+    signals = {"s_m": move(1, 3000), "p_kpa": pressure, "f_n": force}
+    named = {"along": "s_m", "pressure": "p_kpa", "output": "f_n", "second_pressure": None, "speed": None}
+    found, names = look(build_records(*tabulate(signals), read_plant("cylinder", **named)))
+    assert names == (["channel_misalignment"] if tau_s else [])
+    (state,) = found.outputs
+    assert state.ratio(state.current.raw) < 1.1
+    if tau_s:
+        assert [form.form for form in state.current.forms] == ["element_filtered"]
+        seconds = read_values(state)[1]["channel_misalignment"]["paces"] * state.output.time_scale_s
+        assert seconds == pytest.approx(tau_s, abs=0.5 * STEP_S)
 
 
 @pytest.mark.slow

@@ -66,19 +66,33 @@ def test_products_of_a_signal_that_there_is_not_are_left_out():
     assert set(read_plant("finger", **NAMED["finger"] | {"against": None}).inputs) == {"p_kpa"}
 
 
+def follow(signal, tau_s):
+    """What follows a signal, in a hundred steps from sample to sample."""
+    late = np.full(len(signal), signal[0])
+    for k in range(1, len(signal)):
+        late[k] = late[k - 1]
+        for i in range(100):
+            straight = signal[k - 1] + (i + 0.5) / 100.0 * (signal[k] - signal[k - 1])
+            late[k] += 0.01 * STEP_S / tau_s * (straight - late[k])
+    return late
+
+
+def test_an_answer_behind_a_filter_in_closed_form():
+    plant, tau_s = settle("cylinder"), 0.08
+    constants = LAWS["cylinder"][0] | {"offset": 0.0}
+    effect = ("channel_misalignment", "element_filtered", {"paces": tau_s / plant.time_scale_s})
+    found, plain = (simulate(plant, SIGNALS, constants, each) for each in ([effect], []))
+    np.testing.assert_allclose(found, follow(plain, tau_s), atol=2e-3 * np.ptp(plain))
+    assert np.abs(found - plain).max() > 0.02 * np.ptp(plain)
+
+
 @pytest.mark.parametrize("lagged", [False, True])
 def test_friction_under_load_in_closed_form(lagged):
     plant, tau_s = settle("cylinder"), 0.3
     load = 0.5 * (PRESSURE + OTHER)
     load = load / load.max()
     if lagged:
-        late = np.full(len(load), load[0])
-        for k in range(1, len(load)):  # in a hundred steps from sample to sample
-            late[k] = late[k - 1]
-            for i in range(100):
-                straight = load[k - 1] + (i + 0.5) / 100.0 * (load[k] - load[k - 1])
-                late[k] += 0.01 * STEP_S / tau_s * (straight - late[k])
-        load = late
+        load = follow(load, tau_s)
     values = {"share": -0.2, "sliding": 0.1, "unloaded": 0.3} | (
         {"paces": tau_s / plant.time_scale_s} if lagged else {}
     )

@@ -91,3 +91,36 @@ def test_drive_and_reading_end_at_their_levels():
     np.testing.assert_allclose(drive, fill(np.minimum(command, 1.0)), atol=1e-9)
     reading = fill(command, ("saturation", "lag_reading", {"share": 1.0, "lowest": 0.8, "highest": 2.4}))
     np.testing.assert_allclose(reading, np.clip(fill(command), 40.0, 120.0), atol=1e-9)
+
+
+RUB = ("coulomb_friction", "lag_friction", {"share": 0.2})
+"""A velocity of 10."""
+
+
+@pytest.mark.parametrize("height", [1.0, -1.0, 0.09, -0.09])
+def test_dry_friction_takes_as_much_of_every_velocity_and_holds_at_rest(height):
+    """It rests at 20, which is where the sensor reads no velocity."""
+    command, since = step(height)
+    ends = np.sign(height) * max(abs(100.0 * height) - 10.0, 0.0)
+    np.testing.assert_allclose(fill(command, RUB), 20.0 + ends * (1.0 - fade(since)), atol=0.3)
+
+
+def test_what_dry_friction_slows_stops_and_stays():
+    command = np.where(np.arange(300) < 150, 1.0, 0.05) * (np.arange(300) >= 20)
+    found = fill(command, RUB)
+    slowing = -5.0 + 95.0 * np.exp(-(np.arange(150) + 0.5) * STEP_S / LAG_S)
+    np.testing.assert_allclose(found[150:], 20.0 + np.maximum(slowing, 0.0), atol=0.3)
+    assert found[-1] == 20.0
+
+
+def test_a_drag_that_grows_with_the_square_is_that_of_an_adaptive_solver(generator):
+    time = np.arange(400) * STEP_S
+    command = np.cumsum(generator.standard_normal(400)) / 10.0
+
+    def change(now, y):
+        level = (y[0] - 20.0) / SCALE
+        return [(100.0 * np.interp(now, time, command) - SCALE * (level + 0.3 * level * abs(level))) / LAG_S]
+
+    truth = solve(change, [20.0 + 100.0 * command[0]], time)[0]
+    found = fill(command, ("viscous_friction", "lag_quadratic_drag", {"share": 0.3}))
+    np.testing.assert_allclose(found, truth, atol=0.01 * np.ptp(truth))

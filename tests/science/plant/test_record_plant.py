@@ -24,7 +24,7 @@ NO_OTHER = "expected another signal than those it is told from, got "
 @pytest.mark.parametrize(
     ("kind", "changes", "told"),
     [
-        ("first_order", {"effects": [{"name": "coulomb_friction"}]}, "coulomb_friction does not act at a lag"),
+        ("first_order", {"effects": [{"name": "creep"}]}, "creep does not act at a lag"),
         ("first_order", {"effects": [{"name": "valve_lag", "paces": 0.1}] * 2}, "sets the same term"),
         ("first_order", {"effects": [{"name": "valve_lagg"}]}, "did you mean 'valve_lag'"),
         ("first_order", {"output_scale": 0.0}, "greater than 0"),

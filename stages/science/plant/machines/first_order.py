@@ -1,4 +1,4 @@
-"""A store that fills through a resistance: T y' = gain input + offset - y; a valve and a chamber, a pump and a vessel.
+"""A store that fills through a resistance: T y' = gain input + offset - y; a valve and a chamber, a motor and its mass.
 
 A measured input flows in, with constants and the terms that named effects add; the output flows out. Lengths are told
 in a scale of the output and times in a pace, so that one effect has the same bounds on every machine of the kind.
@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydantic import Field, model_validator
 
 from stages.science.plant.declaration import Declared
-from stages.science.plant.effect import Signals, Values
+from stages.science.plant.effect import Effect, Signals, Values
 from stages.science.plant.effect_config import EffectConfig, NominalConstant
 from stages.science.plant.filters import read
 from stages.science.plant.linear_guess import filter_derivatives, find_pace, regress
@@ -37,6 +37,8 @@ class LagTerms(NamedTuple):
     rate_cut: float = 0.0
     play: float = 0.0
     second_lag: float = 0.0
+    coulomb: float = 0.0
+    drag: float = 0.0
     unread: float = 0.0
     lowest: float = -math.inf
     highest: float = math.inf
@@ -68,11 +70,20 @@ def _fill(aim: Array, start: float, per_pace: float, terms: LagTerms, pace: floa
                 short, caught = wanted - passed, 1.0 - math.exp(-h / slow)
                 passed += short * caught
                 wanted -= short * caught * slow / h
+            wanted -= terms.drag * level * abs(level)
+            if terms.coulomb > 0.0:
+                against = (
+                    min(max(wanted, -terms.coulomb), terms.coulomb)
+                    if level == 0.0
+                    else math.copysign(terms.coulomb, level)
+                )
+                wanted -= against
             short = wanted - level
             change = short * (rising if short > 0.0 else falling)
             if terms.rate_cut > 0.0:
                 change = min(max(change, -h / terms.rate_cut), h / terms.rate_cut)
-            level += change
+            stops = terms.coulomb > 0.0 and level * (level + change) < 0.0
+            level = 0.0 if stops else level + change
     return reading
 
 
@@ -119,6 +130,11 @@ class FirstOrder(RecordPlant):
         """Return limits of the input; see `RecordPlant.list_limits`."""
         aims = (constants["gain"] * each[self.input] for each in records)
         return self.list_limits(effect, "lag_drive", aims, self.know("output_scale"))
+
+    def offers(self, effect: Effect) -> bool:
+        """Return whether an effect can act: friction in what turns or slides, and not in what fills or warms."""
+        moves = self.output.endswith(("_m_per_s", "_rad_per_s"))
+        return moves or effect.name not in ("coulomb_friction", "viscous_friction")
 
     @property
     def memory_s(self) -> float:
