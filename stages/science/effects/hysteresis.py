@@ -148,6 +148,14 @@ PLAYING_LAG = DynamicEffect(
     terms=name_terms(play="half_width"),
 )
 
+PLAYING_DRIVE = replace(
+    PLAYING_LAG,
+    form="drive_play",
+    site="motion",
+    signature="the motion settles short of where the input puts it, on the side that it comes from",
+    terms=name_terms(drive_play="half_width"),
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -203,4 +211,5 @@ FORMS = (
     SLIDING_ELEMENT,
     TWO_PLAYS_ELEMENT,
     PLAYING_LAG,
+    PLAYING_DRIVE,
 )

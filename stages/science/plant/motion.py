@@ -15,6 +15,7 @@ import numpy as np
 from numba import njit
 
 from stages.science.plant.filters import lag, read
+from stages.science.signals.operators import follow_play
 from stages.science.signals.trajectories import Array
 
 Between = Literal["band_limited", "linear", "held", "averaged"]
@@ -25,7 +26,7 @@ WIDE = 8
 """Columns that are advanced together: as many numbers as one instruction takes, where there are such instructions."""
 TABLE = (
     *("cubic", "quadratic", "hysteretic", "damping", "drag", "coulomb", "sliding", "turning", "stiction", "yielding"),
-    *("rise", "falling"),
+    *("rise", "falling", "stop", "stop_at", "stop_side"),
 )
 """Rows of the table of constants that the integrator reads."""
 COULOMB = TABLE.index("coulomb")
@@ -47,11 +48,15 @@ class MotionTerms(NamedTuple):
     stiction: float = 0.0
     yielding: float = 1.0
     drag: float = 0.0
+    stop: float = 0.0
+    stop_at: float = 0.0
+    stop_side: float = 1.0
     damping: float = 0.0
     hysteretic: float = 0.0
     turning: float = 1.0
     delay: float = 0.0
     drive_cut: float = 0.0
+    drive_play: float = 0.0
     drive_lag: float = 0.0
     sensor_offset: float = 0.0
     folded: float = 0.0
@@ -76,8 +81,10 @@ def turn(value: float) -> float:
 def _find_rates(
     x: float, w: float, z: float, drive: float, hold: float, constants: tuple[float, ...], rubs: bool
 ) -> tuple[float, float]:
-    cubic, quadratic, hysteretic, damping, drag, coulomb, per_sliding, per_turning, rise, per_falling = constants
-    dw = drive - (x * (hold + x * (quadratic + cubic * x)) + hysteretic * z + w * (damping + drag * abs(w)))
+    cubic, quadratic, hysteretic, damping, drag, coulomb, per_sliding, per_turning, rise, per_falling = constants[:10]
+    stop, stop_at, stop_side = constants[10:]
+    dw = drive - stop * stop_side * max(stop_side * (x - stop_at), 0.0)
+    dw -= x * (hold + x * (quadratic + cubic * x)) + hysteretic * z + w * (damping + drag * abs(w))
     if rubs:
         quick = w * per_falling
         dw -= coulomb * turn(w * per_sliding) * (1.0 + rise / (1.0 + quick * quick))
@@ -108,6 +115,9 @@ def _advance(
             table[7 * WIDE + k],
             table[10 * WIDE + k],
             table[11 * WIDE + k],
+            table[12 * WIDE + k],
+            table[13 * WIDE + k],
+            table[14 * WIDE + k],
         )
         stuck = table[8 * WIDE + k] * s
         dw1, dz1 = _find_rates(x, w, z, drive1[k] - stuck, hold1[k], constants, rubs)
@@ -231,6 +241,10 @@ def integrate(
     table = np.stack([1.0 / told[name] if name in inverted else told[name] for name in TABLE])
     limit = np.array([1.0 / cut if cut > 0.0 else np.inf for cut in told["drive_cut"]])
     late = (told["delay"] * 2.0 * np.pi / pace + late) * (2 * substeps)
+    if told["drive_play"].any():
+        drive = np.stack(
+            [follow_play(each[:, None], width)[:, 0] for each, width in zip(drive, told["drive_play"], strict=True)]
+        )
     if told["drive_lag"].any():  # what lags is unknown at first: the motion is taken to begin in balance
         balance = hold[:, 0] * start[0] + told["damping"] * start[1]
         drive = _follow(drive, told["drive_lag"], balance, 0.5 * h, held)

@@ -13,6 +13,7 @@ from tests.science.discrepancy.simulated_records import (
     NOISE_V,
     WANDER_V,
     belt,
+    bounce,
     build_records,
     configured,
     drive,
@@ -110,6 +111,25 @@ def test_friction_of_a_motor_is_named_and_none_in_a_chamber(given, named):
         assert size == approx(named[name], rel=0.1)
     chamber = build_records(*tabulate(*lag(1, samples=1400)), read_plant("first_order"))
     assert not {"coulomb_friction", "viscous_friction"} & {form.name for form in chamber.forms}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("given", "named"), [({"stop": 75.0}, "end_stiffening"), ({"play": 0.6}, "hysteresis"), ({}, None)]
+)
+def test_a_stop_and_a_play_of_the_drive_are_named_with_their_sizes(given, named):
+    plant = read_plant("second_order", input="drive_v", output="response_v")
+    found, names = look(build_records(*tabulate(*bounce(1, **given)), plant))
+    (state,) = found.outputs
+    assert names == ([named] if named else [])
+    assert state.ratio(state.current.raw) < 1.1
+    constants, effects = read_values(state)
+    scale, squared_pace = state.output.plant.output_scale, state.output.plant.time_scale_s**2
+    if named == "end_stiffening":
+        assert effects[named]["onset"] * scale + constants["output_offset"] == approx(0.2, abs=0.02)
+        assert effects[named]["share"] / squared_pace == approx(75.0, rel=0.1)
+    elif named:
+        assert effects[named]["half_width"] * scale / squared_pace == approx(0.6, rel=0.1)
 
 
 @pytest.mark.slow

@@ -55,6 +55,8 @@ RATES = {
         {"share": 0.1, "sliding": 0.2, "rise": 0.8, "falling": 0.3},
         lambda x, w, z: -0.1 * np.tanh(w / 0.2) * (1.0 + 0.8 / (1.0 + (w / 0.3) ** 2)),
     ),
+    "upper_stop": ({"share": 3.0, "onset": 0.4}, lambda x, w, z: -3.0 * max(x - 0.4, 0.0)),
+    "lower_stop": ({"share": 3.0, "onset": -0.4}, lambda x, w, z: -3.0 * min(x + 0.4, 0.0)),
     "bouc_wen_spring": ({"share": 0.5, "turning": 0.2}, lambda x, w, z: -0.5 * z),
 }
 
@@ -97,6 +99,19 @@ def test_a_drive_behind_a_lag_agrees_with_an_adaptive_solver(generator):
     assert answer(signal, lagging, substeps=16) == pytest.approx(truth, abs=2e-4 * np.abs(truth).max())
 
 
+def test_a_play_of_the_drive_ignores_small_moves_and_takes_its_width_from_large_ones():
+    played = terms_of((find_effect("hysteresis", "drive_play"), {"half_width": 0.1}))
+    wave = np.sin(2 * np.pi * 20.0 * np.arange(300) * STEP)
+    assert (answer(0.0149 * wave, played) == 0.0).all()  # 0.1 of the drive is 0.015 of the input
+    ramp = np.minimum(np.arange(300) * 0.001, 0.15)
+    assert answer(ramp, played)[20:] == pytest.approx(answer(np.maximum(ramp - 0.015, 0.0))[20:], abs=1e-9)
+    back, stays = (np.where(np.arange(300) < 150, ramp, each) for each in (0.3 - 0.001 * np.arange(300), 0.15))
+    assert answer(back, played)[:180] == pytest.approx(
+        answer(stays, played)[:180], abs=1e-9
+    )  # 0.03 back, twice the width
+    assert answer(back, played)[-1] < answer(stays, played)[-1] - 0.1
+
+
 def test_combining_effects_compiles_nothing():
     signal = np.zeros(50)
     answer(signal)
@@ -112,7 +127,7 @@ def test_a_spring_that_lets_go_gives_finite_numbers(generator):
 
 def test_motions_side_by_side_are_motions_one_by_one(generator):
     """Of a count that no instruction takes at once, with unlike terms, limits and delays, and springs that vary."""
-    count, samples, substeps = 11, 120, 3
+    count, samples, substeps = 19, 120, 3
     drive = generator.standard_normal((count, (samples - 1) * 2 * substeps + 1))
     start, damping = generator.standard_normal((2, count)), generator.uniform(0.05, 0.5, count)
     terms = [MotionTerms(), *(terms_of((each, begin(each))) for each in (*FORMS, *FORMS))][:count]
