@@ -1,14 +1,14 @@
 """Stiffening towards an end of the range: beyond some contraction a force grows exponentially.
 
 `contracted_end`: a short, thick muscle meets its fittings and loses tension. `stretched_end`: the threads are straight
-and tension rises. A motion meets a second spring at one end, `upper_stop` or `lower_stop`.
+and tension rises.
 """
 
 from dataclasses import replace
 
 import numpy as np
 
-from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, State, Values
+from stages.science.plant.effect import ChainEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 STEEPEST = 6.0
@@ -53,23 +53,6 @@ EFFECT = ChainEffect(
     apply=_apply,
 )
 
-STOP = DynamicEffect(
-    name="end_stiffening",
-    form="upper_stop",
-    site="motion",
-    parameters=(
-        Parameter(
-            "share", "1", 0.0, 100.0, 0.0, 2.0, "deceleration one scale beyond, scales per squared pace", (1.0, 10.0)
-        ),
-        Parameter("onset", "1", -3.0, 3.0, 0.5, 0.5, "place beyond which it stiffens, scales", (0.2, 0.5, 0.8)),
-    ),
-    source="Shaw, Holmes, A periodically forced piecewise linear oscillator, J. Sound and Vibration 90 (1983)",
-    signature="the motion turns back sooner at one end than it should, and is right elsewhere",
-    split_by="a slow push to both ends of the range",
-    terms=lambda parameters: {"stop": parameters["share"], "stop_at": parameters["onset"], "stop_side": 1.0},
-    scales=False,
-)
-
 FORMS = (
     EFFECT,
     replace(
@@ -81,20 +64,5 @@ FORMS = (
             LENGTH,
         ),
         apply=_apply_stretched,
-    ),
-    STOP,
-    replace(
-        STOP,
-        form="lower_stop",
-        parameters=(
-            STOP.parameters[0],
-            replace(
-                STOP.parameters[1],
-                prior_mean=-0.5,
-                starts=(-0.2, -0.5, -0.8),
-                description="place below which it stiffens, scales",
-            ),
-        ),
-        terms=lambda parameters: {"stop": parameters["share"], "stop_at": parameters["onset"], "stop_side": -1.0},
     ),
 )

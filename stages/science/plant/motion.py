@@ -26,7 +26,7 @@ WIDE = 8
 """Columns that are advanced together: as many numbers as one instruction takes, where there are such instructions."""
 TABLE = (
     *("cubic", "quadratic", "hysteretic", "damping", "drag", "coulomb", "sliding", "turning", "stiction", "yielding"),
-    *("rise", "falling", "stop", "stop_at", "stop_side"),
+    *("rise", "falling"),
 )
 """Rows of the table of constants that the integrator reads."""
 COULOMB = TABLE.index("coulomb")
@@ -48,9 +48,6 @@ class MotionTerms(NamedTuple):
     stiction: float = 0.0
     yielding: float = 1.0
     drag: float = 0.0
-    stop: float = 0.0
-    stop_at: float = 0.0
-    stop_side: float = 1.0
     damping: float = 0.0
     hysteretic: float = 0.0
     turning: float = 1.0
@@ -81,10 +78,8 @@ def turn(value: float) -> float:
 def _find_rates(
     x: float, w: float, z: float, drive: float, hold: float, constants: tuple[float, ...], rubs: bool
 ) -> tuple[float, float]:
-    cubic, quadratic, hysteretic, damping, drag, coulomb, per_sliding, per_turning, rise, per_falling = constants[:10]
-    stop, stop_at, stop_side = constants[10:]
-    dw = drive - stop * stop_side * max(stop_side * (x - stop_at), 0.0)
-    dw -= x * (hold + x * (quadratic + cubic * x)) + hysteretic * z + w * (damping + drag * abs(w))
+    cubic, quadratic, hysteretic, damping, drag, coulomb, per_sliding, per_turning, rise, per_falling = constants
+    dw = drive - (x * (hold + x * (quadratic + cubic * x)) + hysteretic * z + w * (damping + drag * abs(w)))
     if rubs:
         quick = w * per_falling
         dw -= coulomb * turn(w * per_sliding) * (1.0 + rise / (1.0 + quick * quick))
@@ -115,9 +110,6 @@ def _advance(
             table[7 * WIDE + k],
             table[10 * WIDE + k],
             table[11 * WIDE + k],
-            table[12 * WIDE + k],
-            table[13 * WIDE + k],
-            table[14 * WIDE + k],
         )
         stuck = table[8 * WIDE + k] * s
         dw1, dz1 = _find_rates(x, w, z, drive1[k] - stuck, hold1[k], constants, rubs)

@@ -55,8 +55,6 @@ RATES = {
         {"share": 0.1, "sliding": 0.2, "rise": 0.8, "falling": 0.3},
         lambda x, w, z: -0.1 * np.tanh(w / 0.2) * (1.0 + 0.8 / (1.0 + (w / 0.3) ** 2)),
     ),
-    "upper_stop": ({"share": 3.0, "onset": 0.4}, lambda x, w, z: -3.0 * max(x - 0.4, 0.0)),
-    "lower_stop": ({"share": 3.0, "onset": -0.4}, lambda x, w, z: -3.0 * min(x + 0.4, 0.0)),
     "bouc_wen_spring": ({"share": 0.5, "turning": 0.2}, lambda x, w, z: -0.5 * z),
 }
 
