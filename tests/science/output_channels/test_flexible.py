@@ -63,15 +63,16 @@ def test_features_have_the_play_and_the_kinks_of_a_state(hidden):
 
 
 def test_a_slope_that_falls_from_trial_to_trial_drifts_and_slopes_in_no_order_do_not():
-    """The same twelve slopes; in ten orders by chance, one at most may look like a drift."""
-    slopes, drifting = np.linspace(-0.5, 0.5, 12), []
-    for order in [np.arange(12)[::-1], *(np.random.default_rng(seed).permutation(12) for seed in range(10))]:
-        toy = make_toy(1, noise=NOISE, trials=12)
+    """The same six slopes; of thirty orders by chance, some would predict left-out trials better by a drift."""
+    slopes, drifting = np.linspace(-0.5, 0.5, 6), []
+    for order in [np.arange(6)[::-1], *(np.random.default_rng(seed).permutation(6) for seed in range(30))]:
+        toy = make_toy(1, noise=NOISE, trials=6)
         output = replace(toy, measured=toy.measured + slopes[order] * toy.x)
         nominal = fit(Model(output), make_plain(NOISE), Model(output).start)
         left = explain_by_drift(nominal, None)
-        drifting.append(left is not None and measure(left, output) < 1.1 * NOISE)
+        drifting.append(left is not None)
         assert measure(nominal.residual, output) > 2.0 * NOISE
+        assert len(drifting) > 1 or measure(left, output) < 1.5 * NOISE
     assert drifting[0]
     assert sum(drifting[1:]) <= 1
 
