@@ -257,8 +257,8 @@ class Context:
 
         It is drawn in a copy of this process while the stage goes on, where a worker is free; see `finish`.
         """
-        draw = partial(self._draw, name, figure)
-        paths = [self._figure_path(name, suffix) for suffix in self.formats]
+        paths = [self.folder / "figures" / f"{name}.{suffix}" for suffix in self.formats]
+        draw = partial(_draw, figure, paths)
         self.files.update({path.relative_to(self.folder).as_posix(): {} for path in paths})  # in the order of calls
         at_work = sum(fork.is_at_work() for *_, fork in self.drawings if fork)
         free = not self._is_alone and can_fork() and at_work < self.workers.count > 1
@@ -276,23 +276,6 @@ class Context:
             for path in paths:
                 self._note(path, kind="figure", caption=caption)
         self.drawings.clear()
-
-    def _figure_path(self, name: str, suffix: str) -> Path:
-        return self.folder / "figures" / f"{name}.{suffix}"
-
-    def _draw(self, name: str, figure: Figure) -> None:
-        from matplotlib.backend_bases import get_registered_canvas_class  # slow to import
-
-        figure.set_dpi(DOTS_PER_INCH)
-        layout = figure.get_layout_engine()
-        if layout is not None and self.formats:
-            layout.execute(figure)
-            figure.set_layout_engine("none")  # every format has this layout
-        for suffix in self.formats:
-            figure.set_dpi(DOTS_PER_INCH)  # which a format may have changed
-            draw = getattr(get_registered_canvas_class(suffix)(figure), f"print_{suffix}")  # savefig draws twice
-            write_atomically(self._figure_path(name, suffix), partial(draw, metadata=UNDATED[suffix]), final=True)
-        figure.clear()
 
     def document(
         self,
@@ -328,6 +311,22 @@ class Context:
     def _note(self, path: Path, **facts: str) -> None:
         name = path.relative_to(self.folder).as_posix()
         self.files[name] = {"sha256": hash_file(path), "bytes": path.stat().st_size, **facts}
+
+
+def _draw(figure: Figure, paths: Sequence[Path]) -> None:
+    from matplotlib.backend_bases import get_registered_canvas_class  # slow to import
+
+    figure.set_dpi(DOTS_PER_INCH)
+    layout = figure.get_layout_engine()
+    if layout is not None and paths:
+        layout.execute(figure)
+        figure.set_layout_engine("none")  # every format has this layout
+    for path in paths:
+        suffix = path.suffix[1:]
+        figure.set_dpi(DOTS_PER_INCH)  # which a format may have changed
+        draw = getattr(get_registered_canvas_class(suffix)(figure), f"print_{suffix}")  # savefig draws twice
+        write_atomically(path, partial(draw, metadata=UNDATED[suffix]), final=True)
+    figure.clear()
 
 
 def _call(function: Callable[..., Result], job: tuple[Any, ...]) -> Result:

@@ -10,12 +10,12 @@ import os
 import pickle
 import signal
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any, TypeVar
 
-from pipeline.workers import begin_worker
+from pipeline.workers import Workers, begin_worker
 
 Task = TypeVar("Task")
 Done = TypeVar("Done")
@@ -110,7 +110,7 @@ def divide(
     raises if the run is to stop.
     """
     if min(processes, len(tasks)) <= 1 or len(tasks) > MOST or not can_fork():
-        return list(_work_off(work, tasks, check))
+        return list(Workers(1).spread(work, tasks, check))
     queue, filled = os.pipe()
     os.write(filled, b"".join(place.to_bytes(TOKEN, "little") for place in range(len(tasks))))
     os.close(filled)
@@ -139,9 +139,3 @@ def divide(
         for each in forks:
             each.end()
     return [done[place] if place in done else work(each) for place, each in enumerate(tasks)]
-
-
-def _work_off(work: Callable[[Task], Done], tasks: Iterable[Task], check: Callable[[], None]) -> Iterator[Done]:
-    for task in tasks:
-        check()
-        yield work(task)
