@@ -12,16 +12,7 @@ from pipeline.command import complete
 from pipeline.errors import PipelineError
 from pipeline.failures import describe_reason, list_commands, list_reasons, read_traceback
 from pipeline.ledger import Ledger
-from pipeline.page import (
-    Block,
-    Section,
-    list_sentences,
-    make_details,
-    make_grid,
-    make_rows,
-    show_traceback,
-    write_page,
-)
+from pipeline.page import Block, Section, list_sentences, make_details, make_grid, make_rows, show_traceback, write_page
 from pipeline.printing import add_unit, format_count, is_prose, join_some, print_frame
 from pipeline.review.compare import Comparison
 from pipeline.review.kept import list_headlines, list_tables, read_config, read_whole_table
