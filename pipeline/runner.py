@@ -12,7 +12,7 @@ import shutil
 import time
 import warnings
 from collections.abc import Callable, Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import ExitStack, contextmanager, suppress
 from dataclasses import dataclass, field
 from functools import cached_property
 from pathlib import Path
@@ -64,12 +64,27 @@ class Runner:
     place: Path | None = None
     workers: int | None = None
     follow: Callable[[Path], None] = lambda folder: None
-    _interface: Any = field(default=None, init=False)
-    _connection: Any = field(default=None, init=False)
+    _opened: ExitStack = field(default_factory=ExitStack, init=False)
 
     @cached_property
     def _pool(self) -> Workers:
-        return Workers(self.study.settings.workers or self.workers or count_cores())
+        workers = Workers(self.study.settings.workers or self.workers or count_cores())
+        self._opened.callback(workers.close)
+        return workers
+
+    @cached_property
+    def _connection(self) -> Any:
+        """What devices are connected to, the same for all stages of a run.
+
+        An interface has ``open()``, which returns it, ``greeting``, lines that say how to use it, and ``close()``,
+        harmless when it is not open.
+        """
+        interface = self.study.build(self.study.settings.interface)
+        connection = interface.open()
+        self._opened.callback(interface.close)
+        for line in interface.greeting:
+            self._say(line)
+        return connection
 
     @property
     def outputs(self) -> str:
@@ -106,16 +121,12 @@ class Runner:
                 self._print_step(step)
             self._finish(finished, "everything is fresh: nothing to run")
             return 0
-        with watch() as signals, claim(self.outputs, self.identity, self.arguments, self.place) as held:
+        with watch() as signals, claim(self.outputs, self.identity, self.arguments, self.place) as held, self._opened:
             try:
                 with _log_file(held.ledger.folder):
                     return self._run_claimed(held, [step.stage for step in steps], signals)
             except OSError as error:
                 return self._refuse(held.ledger, error)
-            finally:
-                self._pool.close()
-                if self._interface is not None:
-                    self._interface.close()
 
     def _run_claimed(self, held: Claim, stages: Sequence[Stage], signals: Watch) -> int:
         ledger, stage = held.ledger, stages[0]
@@ -297,7 +308,7 @@ class Runner:
         device: Any = self.study.build(section) if section else None
         interactive = device is not None and self.study.has_interface
         if interactive:
-            device.connect_interface(self._open_interface())
+            device.connect_interface(self._connection)
         return Context(
             stage.name,
             ledger.folder,
@@ -332,19 +343,6 @@ class Runner:
             left, folder = found
             link_folder(folder, place)
             log.info("%s: goes on with parts of %s", stage.name, left.name)
-
-    def _open_interface(self) -> Any:
-        """Return what devices are connected to, the same for all stages of a run.
-
-        An interface has ``open()``, which returns it, ``greeting``, lines that say how to use it, and ``close()``,
-        harmless when it is not open.
-        """
-        if self._interface is None:
-            interface = self.study.build(self.study.settings.interface)
-            self._connection, self._interface = interface.open(), interface
-            for line in interface.greeting:
-                self._say(line)
-        return self._connection
 
     def _finished_run(self, steps: Sequence[Step]) -> Ledger | None:
         if not all(step.action in ("fresh", "kept") for step in steps):
