@@ -147,21 +147,19 @@ def explain(error: Exception) -> str:
         return f"{merged.group(1)}: {str(error.__cause__).splitlines()[0]}"
     if twice := re.search(r"Multiple values for (\S+)\. To override", text):
         return f"{twice.group(1)}: an option is chosen already; leave out the +, as in {twice.group(1)}=..."
-    unknown = re.search(r"Could not override '([^']+)'", text)
-    if unknown and "@" in unknown.group(1):
-        group, _, package = unknown.group(1).removeprefix("+").partition("@")
-        return (
-            f"{group}@{package}: expected a section that this workflow has, and it has no {package} of its own; "
-            f"leave @{package} out, or add the workflow that has one"
-        )
-    if unknown:
-        path = unknown.group(1).removeprefix("+").split("@")[0]
+    if unknown := re.search(r"Could not override '([^']+)'", text):
+        path, at, package = unknown.group(1).removeprefix("+").partition("@")
+        if at:
+            return (
+                f"{path}@{package}: expected a section that this workflow has, and it has no {package} of its own; "
+                f"leave @{package} out, or add the workflow that has one"
+            )
         keys_are_set = any(each.lstrip("+").startswith(f"{path}={{") for each in sys.argv[1:])
         if not keys_are_set and (elsewhere := _list_workflows_with(path)):
             return f"{path}: this workflow has no such section; these have: workflow={', '.join(elsewhere)}"
-        if path.split(".")[-1] in _known_keys(path):
-            return f"{path}: a key that is set in it is not there yet; add it as +{path}.KEY=..."
         known = _known_keys(path)
+        if path.split(".")[-1] in known:
+            return f"{path}: a key that is set in it is not there yet; add it as +{path}.KEY=..."
         grows = "." in path and bool(known) and all(each is None or isinstance(each, str) for each in known.values())
         added = f"; to add it, type +{path}=..." if grows else ""
         return _explain_unknown(path, known) + added
@@ -217,14 +215,11 @@ def _known_keys(path: str) -> dict[str, object]:
     GlobalHydra.instance().clear()
     try:
         with hydra.initialize_config_dir(str(CONFIG_FOLDER), version_base="1.3"):
-            node: object = hydra.compose("config", kept, return_hydra_config=path.startswith("hydra."))
-    except HydraException:
+            composed = hydra.compose("config", kept, return_hydra_config=path.startswith("hydra."))
+        section = OmegaConf.select(composed, path.rpartition(".")[0])
+    except (HydraException, OmegaConfBaseException):
         return {}
-    for part in path.split(".")[:-1]:
-        if not isinstance(node, DictConfig) or part not in node:
-            return {}
-        node = node[part]
-    held = OmegaConf.to_container(node, resolve=False) if isinstance(node, DictConfig) else {}
+    held = OmegaConf.to_container(section, resolve=False) if isinstance(section, DictConfig) else {}
     keys: dict[str, object] = {str(key): value for key, value in dict(held).items()}  # type: ignore[arg-type]
     return keys if "." in path else keys | dict.fromkeys(list_groups(sys.argv[1:]))
 
