@@ -256,14 +256,11 @@ def _dtype(declared: Column) -> Any:
 
 def _obeys(values: pd.Series, declared: Column) -> bool:
     """Return whether a column surely keeps its declaration, sooner than pandera, which says how it does not."""
-    if values.dtype != _dtype(declared):
-        return False
     present: Any = values.array
     missing = present.isna()
-    if missing.any():
-        if not declared["nullable"]:
-            return False
-        present = present[~missing]
+    if values.dtype != _dtype(declared) or (missing.any() and not declared["nullable"]):
+        return False
+    present = present[~missing] if missing.any() else present
     low, high, among = declared["low"], declared["high"], declared["among"]
     return bool(
         not len(present)
