@@ -252,8 +252,7 @@ def _plan_one(study: Study, stage: Stage, ledgers: Sequence[Ledger], hashes: Map
     ingredients = replace(gather(study, stage, inputs), waiting=waiting)
     if not waiting:
         return decide(stage, ingredients, ledgers)
-    own = _describe_changes(stage, ingredients, ledgers)
-    if own:
+    if own := _describe_changes(stage, ingredients, ledgers):
         return Step(stage, "run", own)
     return Step(stage, "wait", f"fresh if {' and '.join(waiting)} come out unchanged")
 

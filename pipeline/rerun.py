@@ -82,16 +82,16 @@ class Rerun(Runner):
     def print_comparison(self) -> int:
         """Print what came of it; return the exit code: 0 where all tables agree, else 1."""
         tables, measured = self.comparison["tables"], self.comparison["measured"]
-        same = sum(each is None for each in tables.values())
+        differing = {name: told for name, told in tables.items() if told is not None}
+        same = len(tables) - len(differing)
         self._say(f"{same} of {len(tables)} tables have the same bytes as in {self.origin.name}")
         if measured:
             self._say(f"  taken over from it, as real hardware measured them: {', '.join(measured)}")
-        if same == len(tables):
+        if not differing:
             return 0
-        width = max(len(name) for name, told in tables.items() if told is not None)
-        for name, told in tables.items():
-            if told is not None:
-                self._say(f"  {name:<{width}}  {told}")
+        width = max(map(len, differing))
+        for name, told in differing.items():
+            self._say(f"  {name:<{width}}  {told}")
         changes = self.comparison["changes"]
         self._say("what is not as it was, and may be why:" if changes else "nothing that the ledgers hold tells why")
         for each in changes:

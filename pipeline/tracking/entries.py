@@ -105,7 +105,8 @@ def key_of(folder: Path) -> str:
 
 def stamp_of(folder: Path, status: str) -> str:
     """Return a hash that changes with what is to be sent of a run or a job, without reading all of it."""
-    sizes = [_size(folder / each) for each in LOOSE] if status in ENDED else []
+    loose = [folder / each for each in LOOSE] if status in ENDED else []
+    sizes = [each.stat().st_size if each.is_file() else None for each in loose]
     return hash_json([FORM, status, hash_file(folder / FILE_NAME), sizes])
 
 
@@ -271,10 +272,3 @@ def _describe(ledger: Ledger) -> str:
     lines = [f"**{error['stage']}**: {error['message']}"] if error else []
     lines += [f"{head}: {format_value(value)}" for head, value in starmap(show_metric, ledger.metrics.items())]
     return "  \n".join(lines)
-
-
-def _size(path: Path) -> int | None:
-    try:
-        return path.stat().st_size
-    except OSError:
-        return None

@@ -65,10 +65,7 @@ def following(outputs: str, tracking: Tracking | None) -> Iterator[Callable[[Pat
 def _wait(process: subprocess.Popen[bytes], within_s: float) -> str | None:
     """Let the process end, no longer than so many seconds; return why it was stopped, if it was."""
     try:
-        with suppress(OSError):
-            assert process.stdin
-            process.stdin.close()
-        process.wait(within_s)
+        process.communicate(timeout=within_s)
     except subprocess.TimeoutExpired:
         return f"it takes longer than tracking.within_s={within_s:g} s"
     finally:
