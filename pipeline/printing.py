@@ -93,6 +93,11 @@ def format_count(number: int, one: str, many: str = "") -> str:
     return f"{number} {one if number == 1 else many or one + 's'}"
 
 
+def format_counts(counts: Mapping[str, int]) -> str:
+    """Return in one phrase how many there are of each word."""
+    return ", ".join(f"{count} {word}" for word, count in counts.items())
+
+
 def format_range(numbers: Any) -> str:
     """Return the least and the most of an array of whole numbers, or the one that they all are."""
     least, most = int(numbers.min()), int(numbers.max())
@@ -103,9 +108,7 @@ def format_value(value: Any) -> str:
     """Return a table cell's text: four significant digits for a float, a dash for a missing value."""
     if value is None or value is pd.NA or (isinstance(value, float) and value != value):
         return "-"
-    if isinstance(value, float):
-        return f"{value:.4g}"
-    return str(value)
+    return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
 def show_percent(frame: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:

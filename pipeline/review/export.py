@@ -7,6 +7,7 @@ from rich.console import Console
 
 from pipeline.config import read_tracking
 from pipeline.errors import PipelineError
+from pipeline.printing import format_counts
 from pipeline.runs import find_run, list_folders, sweeps_folder
 from pipeline.terminal import say
 from pipeline.tracking.destination import find_destination
@@ -29,8 +30,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
         for folder in folders:
             counts = store.send(folder)
             destination.clear(folder)
-            told = ", ".join(f"{count} {word}" for word, count in counts.items())
-            say(f"{folder}: {told}", console)
+            say(f"{folder}: {format_counts(counts)}", console)
     except Exception as error:
         why = (str(error).splitlines() or [type(error).__name__])[0]
         raise PipelineError(f"not sent to MLflow: {why}; when that is mended, type the same again") from error
@@ -43,8 +43,5 @@ def _choose_folders(outputs: str, names: list[str]) -> list[Path]:
     if not names:
         found = list_folders(outputs)
         return sorted({each.parent if each.parent.parent == sweeps else each for each in found})
-    chosen = (sweeps / name.rstrip("/") for name in names)
-    return [
-        each if is_sweep(each) and each.is_dir() else find_run(outputs, name).folder
-        for each, name in zip(chosen, names, strict=True)
-    ]
+    chosen = [(name, sweeps / name.rstrip("/")) for name in names]
+    return [each if is_sweep(each) and each.is_dir() else find_run(outputs, name).folder for name, each in chosen]

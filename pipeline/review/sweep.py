@@ -13,7 +13,7 @@ from pipeline.errors import PipelineError
 from pipeline.failures import describe_reason, list_commands, list_reasons, read_traceback
 from pipeline.ledger import Ledger
 from pipeline.page import Block, Section, list_sentences, make_details, make_grid, make_rows, show_traceback, write_page
-from pipeline.printing import add_unit, format_count, is_prose, join_some, print_frame
+from pipeline.printing import add_unit, format_count, format_counts, is_prose, join_some, print_frame
 from pipeline.review.compare import Comparison
 from pipeline.review.kept import list_headlines, list_tables, read_config, read_whole_table
 from pipeline.review.selection import keep_rows, read_condition, sort_rows
@@ -40,7 +40,7 @@ def review(options: argparse.Namespace, console: Console) -> None:
     such sweep, or its folder cannot be written.
     """
     found = find_sweep(options.outputs, options.sweep)
-    say(f"sweep {found.folder}: {format_count(len(found.frame), 'job')} ({_describe_counts(found)})", console)
+    say(f"sweep {found.folder}: {format_count(len(found.frame), 'job')} ({format_counts(found.counts)})", console)
     if found.alike and not options.all:
         say(f"the same in all: {', '.join(f'{key}={value}' for key, value in found.alike.items())}", console)
     chosen = sort_rows(keep_rows(found.frame, [read_condition(each) for each in options.where]), options.sort)
@@ -72,10 +72,6 @@ def _describe_unfinished(count: int, found: Sweep) -> str:
     return f"{count} of {len(found.frame)} jobs {'is' if count == 1 else 'are'} not done"
 
 
-def _describe_counts(sweep: Sweep) -> str:
-    return ", ".join(f"{count} {status}" for status, count in sweep.counts.items())
-
-
 def _write_page(sweep: Sweep) -> None:
     jobs = sweep.frame["job"][sweep.frame["started"].notna()]
     done = [job for job in jobs if job not in sweep.unfinished]
@@ -92,7 +88,7 @@ def _write_page(sweep: Sweep) -> None:
         sweep.folder / FILE_NAME,
         title=f"sweep {sweep.folder.name}",
         heading=f"Sweep {sweep.folder.name}",
-        lead=f"{format_count(len(sweep.frame), 'job')}: {_describe_counts(sweep)}",
+        lead=f"{format_count(len(sweep.frame), 'job')}: {format_counts(sweep.counts)}",
         status=f"{len(sweep.unfinished)} not done" if sweep.unfinished else "done",
         opening=[],
         sections=[

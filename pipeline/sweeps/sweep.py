@@ -36,7 +36,7 @@ from pipeline.files import CONFIG_FOLDER
 from pipeline.interruption import WORDS
 from pipeline.lease import name_process
 from pipeline.ledger import Ledger
-from pipeline.printing import format_count
+from pipeline.printing import format_count, format_counts
 from pipeline.runs import is_running, live_status, sweeps_folder
 from pipeline.sweeps.launch import STOPPED_BY_SIGNAL, Launch, name_job, new_launch_name
 from pipeline.sweeps.slurm import check_slurm, is_slurm, run_on_slurm
@@ -129,8 +129,7 @@ def describe_plan(folder: Path, jobs: Mapping[str, Sequence[str]], on_finished: 
     """Yield what a launch of a sweep would do, in lines, from the overrides of its jobs by their folders' names."""
     states = {name: _state(folder / name) for name in jobs}
     counts = Counter(states.values())
-    told = ", ".join(f"{count} {state}" for state, count in counts.items())
-    yield f"sweep {folder}: {format_count(len(jobs), 'job')} ({told})"
+    yield f"sweep {folder}: {format_count(len(jobs), 'job')} ({format_counts(counts)})"
     axes: dict[str, dict[str, None]] = {}
     for key, _, value in (each.partition("=") for job in jobs.values() for each in job):
         axes.setdefault(key, {})[value] = None
@@ -268,10 +267,9 @@ def _print_end(launch: Launch, typed: list[str], stopped: list[int]) -> int:
     from pipeline.sweeps.sweep_table import collect_sweep, write_frame
 
     states = {job: _state(launch.sweep / job) for job in launch.jobs}
-    counts = Counter(states.values())
     try:
         path = write_frame(launch.sweep, *collect_sweep(launch.sweep))
-        say(f"{', '.join(f'{count} {state}' for state, count in counts.items())}: {path}")
+        say(f"{format_counts(Counter(states.values()))}: {path}")
         say(f"page: {review_line(str(launch.sweep.parent.parent), 'sweep', launch.sweep.name)}")
     except OSError as error:
         where = error.filename or launch.sweep

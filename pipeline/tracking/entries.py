@@ -21,7 +21,7 @@ from pipeline.errors import TableError
 from pipeline.files import hash_file, hash_json
 from pipeline.flat import flatten, is_incidental
 from pipeline.ledger import FILE_NAME, Ledger, files_of
-from pipeline.printing import format_value, show_metric
+from pipeline.printing import format_counts, format_value, show_metric
 from pipeline.report import PAGE_NAME
 from pipeline.review.curves import average_repeats, split_series
 from pipeline.review.kept import list_tables, read_config, read_workflow
@@ -157,7 +157,7 @@ def read_sweep(folder: Path, looks: bool = True) -> Entry | None:
     files = {each: hash_file(folder / each) for each in OF_A_SWEEP if (folder / each).is_file()}
     tags = {
         "status": status,
-        "jobs": ", ".join(f"{count} {word}" for word, count in sorted(counts.items())),
+        "jobs": format_counts(dict(sorted(counts.items()))),
         "command": str(launches[-1]["command"]) if launches else "",
         "kind": "sweep",
         **_list_origin(newest),
