@@ -12,7 +12,7 @@ from contextlib import contextmanager
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Literal, TypeVar
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 import pandas as pd
@@ -24,7 +24,7 @@ from pipeline.journal import SUFFIX as JOURNAL_SUFFIX
 from pipeline.journal import Journal, keep_interrupted
 from pipeline.table import Table, read_frame
 from pipeline.terminal import open_console
-from pipeline.workers import Workers
+from pipeline.workers import Job, Result, Workers
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -39,9 +39,6 @@ UNDATED: dict[str, dict[str, Any]] = {
 }
 """Metadata that would differ between two files of the same figure."""
 DOTS_PER_INCH = 150
-
-Job = TypeVar("Job")
-Result = TypeVar("Result")
 
 
 @dataclass

@@ -13,12 +13,9 @@ import sys
 from collections.abc import Callable, Iterable, Sequence
 from contextlib import suppress
 from multiprocessing.connection import Connection
-from typing import Any, TypeVar
+from typing import Any
 
-from pipeline.workers import Workers, begin_worker
-
-Task = TypeVar("Task")
-Done = TypeVar("Done")
+from pipeline.workers import Job, Result, Workers, begin_worker
 
 TOKEN, MOST = 4, 16000
 """Bytes that stand for a task, and the largest number of tasks: so many fit into a pipe that nobody reads yet."""
@@ -97,12 +94,12 @@ class _Reader(pickle.Unpickler):
 
 
 def divide(
-    work: Callable[[Task], Done],
-    tasks: Sequence[Task],
+    work: Callable[[Job], Result],
+    tasks: Sequence[Job],
     processes: int,
     kept: Iterable[object] = (),
     check: Callable[[], None] = lambda: None,
-) -> list[Done]:
+) -> list[Result]:
     """Return ``work(task)`` of independent tasks, in order, done by this process and forks of it.
 
     Each takes the next task when it has done one. What a fork fails at or loses is done here, so that a fault is told
@@ -114,7 +111,7 @@ def divide(
     queue, filled = os.pipe()
     os.write(filled, b"".join(place.to_bytes(TOKEN, "little") for place in range(len(tasks))))
     os.close(filled)
-    done: dict[int, Done] = {}
+    done: dict[int, Result] = {}
 
     def take(check: Callable[[], None] = lambda: None) -> None:
         while token := os.read(queue, TOKEN):
@@ -122,7 +119,7 @@ def divide(
             place = int.from_bytes(token, "little")
             done[place] = work(tasks[place])
 
-    def take_while_good() -> dict[int, Done]:
+    def take_while_good() -> dict[int, Result]:
         with suppress(Exception):
             take()
         return done
