@@ -56,8 +56,7 @@ def main() -> int:
 
         begun.append(True)
         try:
-            chosen = HydraConfig.get().runtime.choices.values()
-            given = [files[each] for each in chosen if each in files]
+            given = [files[each] for each in HydraConfig.get().runtime.choices.values() if each in files]
             overrides = [str(each) for each in HydraConfig.get().overrides.task]
             codes.append(run_study(composed, typed, given, overrides))
         except ConfigError as error:

@@ -103,9 +103,7 @@ def _hold(folder: Path) -> Lease | None:
 
 def live_status(ledger: Ledger) -> str:
     """Return a run's status, telling a run whose process died from one that runs."""
-    if ledger.status == "running" and not is_running(ledger):
-        return "killed"
-    return ledger.status
+    return "killed" if ledger.status == "running" and not is_running(ledger) else ledger.status
 
 
 def describe_status(folder: Path, ledger: Ledger | None, empty: str = "no ledger") -> str:
@@ -149,14 +147,13 @@ def make_exclusively(
     folder = Path(outputs) / MAKING / fingerprint[:3]
     folder.mkdir(parents=True, exist_ok=True)
     lease = Lease(folder / LOCK_NAME)
-    told, look_s = False, SOONEST_S
-    while not lease.take():
-        if not told:
-            tell()
-        told = True
-        check()
-        time.sleep(look_s)
-        look_s = min(1.2 * look_s, LATEST_S)
+    if not lease.take():
+        tell()
+        look_s = SOONEST_S
+        while not lease.take():
+            check()
+            time.sleep(look_s)
+            look_s = min(1.2 * look_s, LATEST_S)
     try:
         yield
     finally:

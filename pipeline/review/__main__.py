@@ -63,8 +63,7 @@ def _show_run(ledger: Ledger, outputs: str, console: Console) -> None:
     live = live_status(ledger)
     say(f"{ledger.folder}  {live}", console)
     say(f"command{'' if live in ('done', 'running') else ', which goes on'}: {ledger.facts['command']}", console)
-    error = ledger.facts["error"]
-    if error:
+    if error := ledger.facts["error"]:
         say(f"{error['stage']}: {error['message']}", console)
     width = max((len(name) for name in ledger.records), default=0)
     for name, record in ledger.records.items():

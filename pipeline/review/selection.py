@@ -61,10 +61,8 @@ def sort_rows(frame: pd.DataFrame, by: str | None) -> pd.DataFrame:
         return frame
     key = by if by in frame.columns else by.removeprefix("-")
     _check_key("--sort", key, frame)
-    values = list(enumerate(frame[key]))
-    present = [(order_of(str(value)), row) for row, value in values if not _is_missing(value)]
-    present.sort(key=operator.itemgetter(0), reverse=key != by)
-    return frame.iloc[[*(row for _, row in present), *(row for row, value in values if _is_missing(value))]]
+    orders = pd.Series([None if _is_missing(value) else order_of(str(value)) for value in frame[key]], dtype=object)
+    return frame.iloc[orders.sort_values(ascending=key == by, kind="stable").index]
 
 
 def _check_key(option: str, key: str, frame: pd.DataFrame) -> None:

@@ -52,9 +52,8 @@ def following(outputs: str, tracking: Tracking | None) -> Iterator[Callable[[Pat
         try:
             yield follow
         finally:
-            reason = _wait(process, tracking.within_s)
-            if reason is None:
-                reason = (read_end(errors, 4000).strip().splitlines() or ["no reason was given"])[-1]
+            late = _wait(process, tracking.within_s)
+            reason = late or (read_end(errors, 4000).strip().splitlines() or ["no reason was given"])[-1]
     if process.returncode == 0:
         say(f"sent to MLflow; to look at it: {destination.look()}")
     else:
