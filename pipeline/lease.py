@@ -105,16 +105,14 @@ class Lease:
             return False
         try:
             lock = self._acquire_lock()
+            if lock is None:
+                return True
+            try:
+                return self._newest()[1]
+            finally:
+                lock.release()
         except OSError:
             return False
-        if lock is None:
-            return True
-        try:
-            return self._newest()[1]
-        except OSError:
-            return False
-        finally:
-            lock.release()
 
     def _acquire_lock(self) -> FileLock | None:
         """Return the system's lock of the path, now held, or None where another process holds it."""

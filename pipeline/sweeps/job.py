@@ -28,8 +28,6 @@ from pipeline.sweeps.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch
 from pipeline.sweeps.subprocess_job import Ending, run_in_subprocess
 from pipeline.terminal import complain, open_console
 
-ONE_WORKER = 1
-"""Processes over which a job spreads its loops: the sweep spreads jobs."""
 LOOK_S = 0.5
 """Between two looks of a worker whether its launcher lives, s."""
 TAKEN = 75
@@ -91,11 +89,10 @@ class JobTask:
             same = before.facts["identity"] == study.identity
             return Outcome("kept", told="" if same else "with another configuration; on_finished=refresh runs it again")
         _warm_up(study, stages)
-        runner = Runner(study, stages, arguments, open_console(quiet=True), given, folder, ONE_WORKER)
+        console = open_console(quiet=True)
+        runner = Runner(study, stages, arguments, console, given, folder, workers=1)  # the sweep spreads jobs
         ending = run_in_subprocess(
-            lambda: _run(runner),
-            lambda: self.launch.stop == STOPPED_BY_SIGNAL,
-            follow_parent=not self.launch.is_own,
+            lambda: _run(runner), lambda: self.launch.stop == STOPPED_BY_SIGNAL, follow_parent=not self.launch.is_own
         )
         if ending.code == TAKEN:
             return ELSEWHERE

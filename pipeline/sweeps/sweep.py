@@ -31,7 +31,7 @@ from omegaconf import DictConfig, OmegaConf
 from pipeline.command import command_line, read_options, review_line
 from pipeline.config import Settings, read_settings
 from pipeline.errors import ConfigError
-from pipeline.failures import list_reasons
+from pipeline.failures import MOST_LISTED, list_reasons
 from pipeline.files import CONFIG_FOLDER
 from pipeline.interruption import WORDS
 from pipeline.lease import name_process
@@ -45,7 +45,6 @@ from pipeline.tracking.destination import check_mlflow
 from pipeline.tracking.follower import following
 
 MULTIRUN = ("-m", "--multirun")
-MOST_LISTED = 20
 NO_PROGRESS = 3
 """Deaths of workers in a row, between which no job ended, after which a launch gives up."""
 LOOK_S = 0.5
