@@ -83,8 +83,8 @@ def split_command(sentence: str) -> tuple[str, str]:
 def complete(sentence: str, typed: str, folder: str) -> str:
     """Return a stage's sentence with the run's folder for FOLDER, and a command at its end as it can be typed.
 
-    In place of ARGUMENTS stands all that was `typed` to start the run but what the command sets anew; without it, what
-    was typed of `CARRIED`.
+    In place of ARGUMENTS stands all that was `typed` to start the run but what the command sets anew and what lies
+    below it; without it, what was typed of `CARRIED`.
     """
     told, command = split_command(sentence)
     told = told.replace("FOLDER", folder)
@@ -92,8 +92,9 @@ def complete(sentence: str, typed: str, folder: str) -> str:
         return told
     begun, _, given = typed.partition("-m pipeline")
     words = shlex.split(command)[3:]
-    own = {word.partition("=")[0] for word in words}
-    kept = [each for each in shlex.split(given) if each.partition("=")[0] not in (*own, *SINGLE)]
+    own = (*(word.partition("=")[0] for word in words), *SINGLE)
+    keys = {each: each.partition("=")[0].lstrip("+~") for each in shlex.split(given)}
+    kept = [each for each, key in keys.items() if key not in own and not key.startswith(tuple(f"{it}." for it in own))]
     carried = [each for each in kept if each.partition("=")[0] in CARRIED]
     filled = [
         override(key, value.replace("FOLDER", folder)) if "FOLDER" in value else shlex.quote(word)

@@ -261,6 +261,11 @@ def test_an_override_is_read_as_it_was_typed(path):
             "python -m pipeline sweep=s 'u={_target_: f}' n=3 outputs=o plan=true seed=1",
             "More: python -m pipeline 'u={_target_: f}' outputs=o n=20 seed=2",
         ),
+        (
+            "What lies below is in the file: python -m pipeline ARGUMENTS plant=FOLDER",
+            "python -m pipeline plant=x plant.output=y +plant.z.0=1 plants=2",
+            f"What lies below is in the file: python -m pipeline plants=2 {override('plant', 'my runs/1')}",
+        ),
     ],
 )
 def test_a_proposed_command_can_be_typed_after_the_run(sentence, typed, expected):
