@@ -176,8 +176,9 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     lacks = "that no effect of the library explains better than what has no name"
     if likely:
         lacks = "for which trials left out of the fit confirm no effect"
+    what = f": {reproducible}" if left["status"] == "unexplained" or line_hz is not None else ""
     return [
-        f"Something is missing (probability {say_sure(verdict['missing_probability'])}) {lacks}: {reproducible}.{near} "
+        f"Something is missing (probability {say_sure(verdict['missing_probability'])}) {lacks}{what}.{near} "
         f"Nothing is named{unchanged}.",
         on_test,
         *_describe_suspected(verdict),
