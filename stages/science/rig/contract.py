@@ -230,20 +230,17 @@ def tidy(recording: Recording, rig: Rig) -> dict[str, NDArray[Any]]:
 
     There is a row per muscle and time: all of the first muscle, then the next.
     """
-    joint = [list(rig.joints).index(name) for name in rig.muscle_joints]
-    samples = len(recording.time_s)
-    columns: dict[str, NDArray[Any]] = {
-        "time_s": np.tile(recording.time_s, len(joint)),
-        "muscle": np.repeat(np.array(rig.muscles, dtype=object), samples),
-    }
-    for name in list(RECORDING_COLUMNS)[2:]:
-        values = getattr(recording, name)
-        if name in PER_SAMPLE:
-            columns[name] = np.tile(values, len(joint))
+    names = np.array(rig.muscles, dtype=object)
+    columns: dict[str, NDArray[Any]] = {}
+    for name in RECORDING_COLUMNS:
+        if name == "muscle":
+            columns[name] = np.repeat(names, len(recording.time_s))
+        elif name in PER_SAMPLE:
+            columns[name] = np.tile(getattr(recording, name), len(names))
         else:
-            columns[name] = (values[:, joint] if name.startswith("joint") else values).T.ravel()
-            if name in ("status", "clipped_by"):
-                columns[name] = columns[name].astype(object)
+            values = getattr(recording, name)
+            values = values[:, rig.exoskeleton.joint_of_muscle] if name.startswith("joint") else values
+            columns[name] = values.T.ravel().astype(object if name in ("status", "clipped_by") else float)
     return columns
 
 

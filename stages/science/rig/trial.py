@@ -159,15 +159,12 @@ class Recording:
     def __post_init__(self) -> None:
         for each in fields(self):
             value = getattr(self, each.name)
-            if value.ndim == 0:
-                like = self.time_s if each.name in PER_SAMPLE else self.pressure_command_kpa
-                object.__setattr__(self, each.name, np.full(like.shape, value))
-        for each in fields(self):
-            shape = getattr(self, each.name).shape
             like = self.joint_angle_rad if each.name.startswith("joint") else self.pressure_command_kpa
             expected = self.time_s.shape if each.name in PER_SAMPLE else (len(self.time_s), like.shape[-1])
-            if shape != expected:
-                raise ValueError(f"recording: expected {each.name} of shape {expected}, got {shape}")
+            if value.ndim == 0:
+                object.__setattr__(self, each.name, np.full(expected, value))
+            elif value.shape != expected:
+                raise ValueError(f"recording: expected {each.name} of shape {expected}, got {value.shape}")
 
     @property
     def lead(self) -> int:
