@@ -18,9 +18,19 @@ def spell_arm(name: str) -> str:
     return name.replace("y_y", "y/y").replace("_", " ")
 
 
-def new_figure(width: float, height: float, rows: int = 1, columns: int = 1, **how: Any) -> tuple[Figure, Any]:
-    """Return a figure of so many inches and its panels, a (rows, columns) ndarray of axes."""
+def new_figure(
+    width: float, height: float, rows: int = 1, columns: int = 1, grid: str = "", bare: bool = False, **how: Any
+) -> tuple[Figure, Any]:
+    """Return a figure of so many inches and its panels, a (rows, columns) ndarray of axes.
+
+    They have a grid along "x", "y" or "both", and no frame above and at the right where they are bare.
+    """
     from matplotlib.figure import Figure
 
     figure = Figure(figsize=(width, height), layout="constrained")
-    return figure, figure.subplots(rows, columns, squeeze=False, **how)
+    axes = figure.subplots(rows, columns, squeeze=False, **how)
+    for axis in axes.flat:
+        if grid:
+            axis.grid(axis=grid, alpha=0.25)
+        axis.spines[["top", "right"]].set_visible(not bare)
+    return figure, axes

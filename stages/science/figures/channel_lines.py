@@ -12,8 +12,8 @@ def draw_channel_lines(points: pd.DataFrame, lines: pd.DataFrame) -> Figure:
     Points have columns channel, known (in the channel's unit), count and problem; lines, one for each panel, have
     channel, unit, status, per_count, zero_count and sign.
     """
-    sharing = {"sharex": "col", "height_ratios": (2, 1)}
-    figure, (above, below) = new_figure(max(2.9 * len(lines), 4.2), 4.6, 2, len(lines), **sharing)
+    width = max(2.9 * len(lines), 4.2)
+    figure, (above, below) = new_figure(width, 4.6, 2, len(lines), "both", sharex="col", height_ratios=(2, 1))
     for top, bottom, line in zip(above, below, lines.to_dict("records"), strict=True):
         its = points[(points["channel"] == line["channel"]) & points["known"].notna() & points["count"].notna()]
         used = its[its["problem"] == ""]
@@ -29,8 +29,6 @@ def draw_channel_lines(points: pd.DataFrame, lines: pd.DataFrame) -> Figure:
             bottom.plot(used["known"], residual, "o", color=COLOURS[0], markersize=5)
         bottom.axhline(0.0, color="#9aa5b1")
         bottom.set_xlabel(f"known ({line['unit']})")
-        for axis in (top, bottom):
-            axis.grid(alpha=0.25)
     above[0].set_ylabel("count")
     below[0].set_ylabel(f"residual ({lines['unit'].iloc[0]})")
     return figure

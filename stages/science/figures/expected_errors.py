@@ -15,7 +15,7 @@ def draw_expected_errors(trials: pd.DataFrame, limit: float | None) -> Figure:
     """
     from matplotlib.ticker import MaxNLocator
 
-    figure, ((axis,),) = new_figure(6.4, 3.6)
+    figure, ((axis,),) = new_figure(6.4, 3.6, grid="both")
     told = ["expected_error", "expected_low", "expected_high"]
     percent = trials.assign(**100.0 * trials[told])
     experiments = list(percent.groupby(["participant", "experiment"], sort=False))
@@ -31,6 +31,5 @@ def draw_expected_errors(trials: pd.DataFrame, limit: float | None) -> Figure:
     axis.set(xlabel="trial", ylabel="error rate to be expected (%)", ylim=(0, None))
     axis.set_xlim(0.5, percent["trial"].max() + 0.5)
     axis.xaxis.set_major_locator(MaxNLocator(integer=True))
-    axis.grid(alpha=0.25)
     axis.legend(frameon=False, fontsize=9)
     return figure

@@ -19,7 +19,7 @@ def draw_sensitivity(errors: pd.DataFrame, labels: Mapping[tuple[str, float], st
     `STYLES`, and setting, in order.
     """
     panels = list(errors["tested_on"].unique())
-    figure, (axes,) = new_figure(5.4 * len(panels) + 0.4, 4.2, 1, len(panels), sharey=True)
+    figure, (axes,) = new_figure(5.4 * len(panels) + 0.4, 4.2, 1, len(panels), "y", sharey=True)
     for axis, panel in zip(axes, panels, strict=True):
         for position, (kind, setting) in enumerate(labels):
             chosen = (errors["tested_on"] == panel) & (errors["kind"] == kind) & (errors["setting"] == setting)
@@ -34,7 +34,6 @@ def draw_sensitivity(errors: pd.DataFrame, labels: Mapping[tuple[str, float], st
         axis.set_xticks(range(len(labels)), list(labels.values()), fontsize=8.5)
         axis.set_ylim(bottom=0)
         axis.tick_params(labelleft=True)
-        axis.grid(axis="y", alpha=0.25)
     axes[0].set_ylabel("error rate, average of the muscles (%)")
     axes[0].plot([], [], "o", color="#2b2b2b", markersize=4, label="an experiment after its last trial")
     axes[0].plot([], [], color="#2b2b2b", linewidth=2.2, label="their mean")
@@ -50,7 +49,7 @@ def draw_agreement(agreement: pd.DataFrame, utilities: Sequence[str], targets: S
     """
     from scipy.stats import t
 
-    figure, (panels,) = new_figure(10.6, 3.6, 1, len(targets), sharey=True)
+    figure, (panels,) = new_figure(10.6, 3.6, 1, len(targets), "y", sharey=True)
     for axis, target in zip(panels, targets, strict=True):
         its = agreement[agreement["target"] == target]
         for position, utility in enumerate(utilities):
@@ -63,7 +62,6 @@ def draw_agreement(agreement: pd.DataFrame, utilities: Sequence[str], targets: S
             axis.errorbar(position, regret.mean(), half, fmt="_", color=colour, markersize=18, capsize=4, zorder=3)
         axis.set_xticks(range(len(utilities)), utilities, rotation=30, ha="right")
         axis.set_title(f"samples {target}")
-        axis.grid(axis="y", alpha=0.25)
     panels[0].set_ylabel("information forgone (%)")
     panels[0].set_ylim(bottom=0)
     return figure

@@ -21,7 +21,7 @@ def draw_rungs(errors: pd.DataFrame, rungs: Sequence[str], panels: Sequence[str]
     """
     from matplotlib.ticker import LogLocator
 
-    figure, (axes,) = new_figure(4.9 * len(panels) + 0.5, 4.2, 1, len(panels), sharey=True)
+    figure, (axes,) = new_figure(4.9 * len(panels) + 0.5, 4.2, 1, len(panels), "y", sharey=True)
     at = np.arange(len(rungs))
     muscles = [name for name in errors["muscle"].unique() if name != AVERAGE]
     several = errors.groupby(["participant", "experiment"]).ngroups > 1
@@ -48,7 +48,6 @@ def draw_rungs(errors: pd.DataFrame, rungs: Sequence[str], panels: Sequence[str]
         axis.yaxis.set_minor_formatter("")
         axis.set_xticks(at, [LABELS.get(name, name).replace("_", "\n") for name in rungs])
         axis.set(title=TITLES[panel], xlim=(-0.3, len(rungs) - 0.45))
-        axis.grid(alpha=0.25, axis="y")
     axes[0].set_ylabel("error rate (%)")
     axes[0].legend(frameon=False, fontsize=9)
     return figure

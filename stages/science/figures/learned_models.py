@@ -63,8 +63,8 @@ def draw_frequent_references(
     experiments; references have trajectory, muscle, time_s, joint_angle_rad and pressure_command_kpa.
     """
     heights = [1.0, 1.2] * len(muscles_of_joint)
-    sharing = {"sharex": True, "sharey": "row", "height_ratios": heights}
-    figure, axes = new_figure(10.6, 1.45 * sum(heights) + 0.7, len(heights), len(chosen), **sharing)
+    sharing: dict[str, Any] = {"sharex": True, "sharey": "row", "height_ratios": heights}
+    figure, axes = new_figure(10.6, 1.45 * sum(heights) + 0.7, len(heights), len(chosen), "both", **sharing)
     for position, movement in enumerate(chosen.to_dict("records")):
         its = references[references["trajectory"] == movement["trajectory"]]
         often = f"{round(movement['share'] * movement['experiments'])} of {movement['experiments']}"
@@ -84,8 +84,6 @@ def draw_frequent_references(
             if position == len(chosen) - 1:
                 pressure.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0), frameon=False)
         axes[-1, position].set_xlabel("time (s)")
-    for axis in axes.ravel():
-        axis.grid(alpha=0.25)
     for axis in axes[1::2, 0]:
         axis.set_ylim(bottom=0)
     axes[0, 0].set_xlim(left=0)
@@ -119,7 +117,6 @@ def draw_reliability(reliability: pd.DataFrame, panels: Sequence[str]) -> Figure
         axis.set(title="average of the muscles" if muscle == AVERAGE else muscle)
         axis.set_xticks(trials)
         axis.tick_params(labelbottom=True, labelleft=True)
-        axis.grid(alpha=0.25)
     for axis in axes[:: axes[0].get_gridspec().ncols]:
         axis.set_ylabel("forces within\n95 % intervals (%)")
     finish_panels(figure, axes, len(panels))

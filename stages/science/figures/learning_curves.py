@@ -63,7 +63,6 @@ def draw_learning_curves(
         axis.set_ylim(0, 115 * panel["error_rate_mean"].max() if cut else None)
         axis.xaxis.set_major_locator(MaxNLocator(integer=True))
         axis.tick_params(labelbottom=True)
-        axis.grid(alpha=0.25)
     finish_panels(figure, axes, len(panels), title)
     return figure
 
@@ -86,7 +85,7 @@ def draw_error_bars(errors: pd.DataFrame, lines: Sequence[str], groups: Sequence
     Errors have a row for each line (a bar, five at most), tested_on and muscle (a group of bars), with columns
     error_rate_mean and error_rate_sd.
     """
-    figure, ((axis,),) = new_figure(10.6, 4.6)
+    figure, ((axis,),) = new_figure(10.6, 4.6, grid="y")
     width = 0.84 / len(lines)
     at = np.arange(len(groups))
     wide = 100 * errors.set_index(["tested_on", "muscle", "line"])[["error_rate_mean", "error_rate_sd"]].unstack("line")
@@ -104,7 +103,6 @@ def draw_error_bars(errors: pd.DataFrame, lines: Sequence[str], groups: Sequence
         handles += axis.plot(np.ravel(places), unseen, "D", label="tested on the unseen bank", **mark)
     axis.set_xticks(at, ["average of\nthe muscles" if name == AVERAGE else name for name in groups])
     axis.set(ylabel="error rate (%)", ylim=(0, None))
-    axis.grid(axis="y", alpha=0.25)
     axis.set_axisbelow(True)
     figure.legend(handles=handles, loc="outside upper center", ncols=3, frameon=False, fontsize=9)
     return figure
@@ -114,7 +112,7 @@ def begin_panels(count: int, width: float, height: float, **sharing: bool) -> tu
     """Return a figure and its panels, up to three abreast, or two by two, of so many inches each; some may be spare."""
     columns = 2 if count == 4 else min(3, count)
     rows = -(-count // columns)
-    figure, axes = new_figure(width * columns, height * rows + 0.4, rows, columns, sharex=True, **sharing)
+    figure, axes = new_figure(width * columns, height * rows + 0.4, rows, columns, "both", sharex=True, **sharing)
     return figure, axes.ravel()
 
 

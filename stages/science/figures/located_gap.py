@@ -35,7 +35,7 @@ def draw_gap_bars(channels: pd.DataFrame, smallest_gap: float) -> Figure:
     the floor) nothing is missing.
     """
     rows = channels.sort_values(["channel", "muscle"], ascending=[False, True]).reset_index(drop=True)
-    figure, ((axis,),) = new_figure(10.6, 0.36 * len(rows) + 1.5)
+    figure, ((axis,),) = new_figure(10.6, 0.36 * len(rows) + 1.5, bare=True)
     place = range(len(rows))
     gaps = rows["gap_over_floor"]
     axis.barh(place, gaps, color=[BEFORE if gap > smallest_gap else AFTER for gap in gaps], height=0.62)
@@ -53,7 +53,6 @@ def draw_gap_bars(channels: pd.DataFrame, smallest_gap: float) -> Figure:
     axis.set_xlim(0.0, 1.25 * ends.max())
     axis.set_xlabel("gap over noise floor (1)")
     axis.legend(frameon=False, loc="lower right", bbox_to_anchor=(1.0, 1.0), borderaxespad=0.0)
-    axis.spines[["top", "right"]].set_visible(False)
     return figure
 
 

@@ -18,7 +18,8 @@ def draw_proposed_trial(signals: pd.DataFrame, rivals: Sequence[str]) -> Figure:
     levers = [each for each in signals["signal"].unique() if each not in rivals]
     names = ["no further effect" if each == "none" else spell(each) for each in rivals]
     heights = {"gridspec_kw": {"height_ratios": [*(1.0 for _ in levers), 1.3, 1.7]}}
-    figure, panels = new_figure(8.0, 1.1 * len(levers) + 3.6, len(levers) + 2, 1, sharex=True, **heights)
+    high = 1.1 * len(levers) + 3.6
+    figure, panels = new_figure(8.0, high, len(levers) + 2, 1, "both", bare=True, sharex=True, **heights)
     *drives, first, last = panels[:, 0]
     for axis, name in zip(drives, levers, strict=True):
         axis.plot(wide.index, wide[name], color=MEASURED)
@@ -35,6 +36,4 @@ def draw_proposed_trial(signals: pd.DataFrame, rivals: Sequence[str]) -> Figure:
         axis.legend(frameon=False, fontsize=8)
     for axis in panels[:, 0]:
         axis.tick_params(labelsize=8)
-        axis.grid(alpha=0.25)
-        axis.spines[["top", "right"]].set_visible(False)
     return figure

@@ -15,7 +15,7 @@ def draw_rates(rates: pd.DataFrame) -> Figure:
     Columns are measure, magnitude, n, value, low, high, target, at_most and met; rows without sessions are left out.
     """
     shown = rates[rates["n"] > 0].iloc[::-1].reset_index(drop=True)
-    figure, ((axis,),) = new_figure(8.6, 1.3 + 0.3 * len(shown))
+    figure, ((axis,),) = new_figure(8.6, 1.3 + 0.3 * len(shown), grid="x")
     for place, row in enumerate(shown.to_dict("records")):
         colour = BLUE if row["met"] else RED
         axis.plot([100 * row["low"], 100 * row["high"]], [place, place], color=colour, linewidth=1.6)
@@ -28,7 +28,6 @@ def draw_rates(rates: pd.DataFrame) -> Figure:
     ]
     axis.set_yticks(range(len(shown)), labels, fontsize=9)
     axis.set(xlabel="share of sessions, or median share of the gap (%)", xlim=(-3, 103))
-    axis.grid(axis="x", alpha=0.25)
     axis.plot([], [], "o-", color=BLUE, label="target met")
     axis.plot([], [], "o-", color=RED, label="target missed")
     axis.plot([], [], "o", color=DARK, markerfacecolor="white", label="a fault, to stay below")
@@ -65,7 +64,7 @@ def draw_reliability_of_names(reliability: pd.DataFrame) -> Figure:
     Columns are said, right, low, high and n; bins without names are left out.
     """
     shown = reliability[reliability["n"] > 0]
-    figure, ((axis,),) = new_figure(5.2, 4.4)
+    figure, ((axis,),) = new_figure(5.2, 4.4, grid="both")
     axis.plot([0, 100], [0, 100], color=DARK, linestyle=":", linewidth=1.0, label="said as often as right")
     ends = 100 * np.array([shown["right"] - shown["low"], shown["high"] - shown["right"]])
     axis.errorbar(100 * shown["said"], 100 * shown["right"], np.maximum(ends, 0.0), fmt="o", color=BLUE, capsize=3)
@@ -73,6 +72,5 @@ def draw_reliability_of_names(reliability: pd.DataFrame) -> Figure:
         place = (100 * row["said"], 100 * row["right"])
         axis.annotate(f"{row['n']}", place, (6, 6), textcoords="offset points", fontsize=8.5)
     axis.set(xlabel="probability said (%)", ylabel="right names (%)", xlim=(0, 108), ylim=(-3, 108))
-    axis.grid(alpha=0.25)
     axis.legend(loc="upper left", frameon=False, fontsize=9)
     return figure

@@ -43,7 +43,8 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
     tells = (ranking["probability"] >= LEAST_PROBABILITY) | (ranking["heldout_gap"] < now) | ranking["absorbed"]
     order = ["absorbed", "probability", "heldout_gap"]
     rows = ranking[always | tells].sort_values(order, ascending=[True, False, True]).reset_index(drop=True)
-    figure, ((left, right),) = new_figure(10.6, 0.27 * len(rows) + 1.1, 1, 2, sharey=True, width_ratios=[1.0, 1.1])
+    sharing = {"sharey": True, "width_ratios": [1.0, 1.1]}
+    figure, ((left, right),) = new_figure(10.6, 0.27 * len(rows) + 1.1, 1, 2, "x", bare=True, **sharing)
     place = range(len(rows))
     left.barh(place, rows["probability"], color=[BEFORE if each == 0 else AFTER for each in place], height=0.66)
     for each, row in enumerate(rows.to_dict("records")):
@@ -59,9 +60,6 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
     right.plot(100.0 * rows["heldout_gap"][closed], rows.index[closed], "o", color=AFTER)
     right.plot(100.0 * rows["heldout_gap"][~closed], rows.index[~closed], "o", color=QUIET, fillstyle="none")
     right.set(xlim=(0.0, None), xlabel="gap with it, trials left out (% of range)")
-    for axis in (left, right):
-        axis.grid(axis="x", alpha=0.25)
-        axis.spines[["top", "right"]].set_visible(False)
     return figure
 
 
@@ -101,13 +99,11 @@ def draw_gap_waterfall(verification: pd.DataFrame) -> Figure:
     The frame has columns simulation (a panel each), step, label, gap, low and high, in order.
     """
     kinds = list(verification["simulation"].unique())
-    figure, (panels,) = new_figure(10.6, 3.5, 1, len(kinds), sharey=True)
+    figure, (panels,) = new_figure(10.6, 3.5, 1, len(kinds), "y", bare=True, sharey=True)
     for axis, kind in zip(panels, kinds, strict=True):
         _draw_falls(axis, verification[verification["simulation"] == kind])
         source = "the command alone (free run)" if kind == "free run" else "measured upstream signals"
         axis.set_title(f"simulated from {source}", fontsize=10)
-        axis.spines[["top", "right"]].set_visible(False)
-        axis.grid(axis="y", alpha=0.25)
     panels[0].set_ylabel("gap on verification trials (% of range)")
     panels[0].set_ylim(bottom=0.0)
     return figure
@@ -156,7 +152,7 @@ def draw_verified_trials(
     """
     told = ["before", *(new for old, new in pairwise(SIMULATED) if not predictions[new].equals(predictions[old]))]
     heights = [1.4, *(1.0 for _ in muscles)]
-    sharing = {"sharex": "col", "sharey": "row", "gridspec_kw": {"height_ratios": heights}}
+    sharing: dict[str, Any] = {"sharex": "col", "sharey": "row", "gridspec_kw": {"height_ratios": heights}}
     figure, panels = new_figure(10.6, 2.1 + 1.45 * len(muscles), len(heights), len(trials), **sharing)
     for column, trial in enumerate(trials):
         rows = predictions[(predictions["channel"] == channel) & (predictions["trial"] == trial)]
