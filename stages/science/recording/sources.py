@@ -101,12 +101,8 @@ def tabulate(source: Source, machine: Exoskeleton, largest_jitter: float) -> tup
     """Return the tables of a recording of muscles, and notes.
 
     Velocities that were not measured are differentiated by the filter of the machine; `largest_jitter` is the deviation
-    of a time step that is borne, in periods.
-
-    Raises
-    ------
-    RecordingError
-        When no muscle has data, one is not described, or the clock is not uniform.
+    of a time step that is borne, in periods. A `RecordingError` tells that no muscle has data, one is not described, or
+    the clock is not uniform.
     """
     notes: Notes = list(source.notes)
     samples, muscles = choose_muscles(source.samples, source.muscles, source.described_in, notes)

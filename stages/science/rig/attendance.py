@@ -44,13 +44,7 @@ class StudyPaused(Exception):
 
 
 def until_kept(land: Callable[[], Landed]) -> Landed:
-    """Return what landing a trial returns, once the operator wants it no more repeated.
-
-    Raises
-    ------
-    TrialDeclined
-        When it is declined for good.
-    """
+    """Return what landing a trial returns, once it need not be repeated; `TrialDeclined` tells it is declined."""
     while True:
         try:
             return land()
@@ -85,13 +79,7 @@ class Attendance:
         return None
 
     def propose(self, trial: Trial) -> None:
-        """Return once the trial may begin.
-
-        Raises
-        ------
-        TrialDeclined, StudyPaused
-            When it may not.
-        """
+        """Return once the trial may begin; `TrialDeclined` and `StudyPaused` tell that it may not."""
 
     def begin(self, trial: Trial, starts_at_s: float) -> None:
         """Take note that the trial's first sample is due at a time of the monotonic clock, s."""
@@ -106,10 +94,7 @@ class Attendance:
     def judge(self, trial: Trial, recording: Recording | None, stopped: str) -> None:
         """Return once it is decided that the recording is part of the study; without one, why it was stopped is told.
 
-        Raises
-        ------
-        TrialDeclined, StudyPaused
-            When it is not.
+        `TrialDeclined` and `StudyPaused` tell that it is not.
         """
 
     def add_display(self, recording: Recording) -> Recording:

@@ -129,10 +129,7 @@ class FreeMovements(Declared):
     def check_against(self, exoskeleton: Exoskeleton, path: str) -> None:
         """Check that the machine has these muscles, samples these levels and that memory holds its recordings.
 
-        Raises
-        ------
-        ValueError
-            Naming the key, below the path of this section in the configuration.
+        A `ValueError` names the key, below the path of this section in the configuration.
         """
         check_ranges(self.pressure.range_kpa, exoskeleton, f"{path}.pressure.range_kpa")
         sample_s, level_s = 1 / exoskeleton.sampling_rate_hz, self.pressure.mean_level_s
@@ -182,10 +179,7 @@ class RigWithLimits(Declared, extra="ignore"):
 def check_ranges(ranges: Mapping[str, Range], exoskeleton: Exoskeleton, path: str) -> None:
     """Check that every muscle has a range, kPa gauge, that no other has one, and that every muscle may pull.
 
-    Raises
-    ------
-    ValueError
-        Naming the muscle, below the path of the ranges in the configuration.
+    A `ValueError` names the muscle, below the path of the ranges in the configuration.
     """
     names = exoskeleton.muscle_names
     missing = [name for name in names if name not in ranges]
@@ -204,12 +198,8 @@ def check_levels(ranges: Mapping[str, Range], exoskeleton: Exoskeleton, limits: 
     """Check that every pressure level that may be drawn is one that the muscle may be commanded.
 
     A rig applies the nearest command that it permits, so that levels beyond its limits would all be one level. Where
-    it has no limits, the muscles' largest pressures count.
-
-    Raises
-    ------
-    ValueError
-        Naming the level, below the path of the ranges in the configuration, and the limit.
+    it has no limits, the muscles' largest pressures count. A `ValueError` names the level, below the path of the ranges
+    in the configuration, and the limit.
     """
     for muscle in exoskeleton.muscles:
         limit = (limits or {}).get(muscle.type)

@@ -84,13 +84,7 @@ class Guard(Declared):
     frozen_encoder_s: PositiveFloat = Field(description="the same of an encoder, in a trial with a person, s")
 
     def check_against(self, exoskeleton: Exoskeleton, limits: Limits) -> None:
-        """Check that everything has its limit, and that no command reaches a ceiling.
-
-        Raises
-        ------
-        ValueError
-            Naming the key.
-        """
+        """Check that everything has its limit, and that no command reaches a ceiling; a `ValueError` names the key."""
         wanted = [f"ceilings.{muscle.type}" for muscle in exoskeleton.muscles]
         given = {f"{kind}.{name}" for kind in ("ceilings", "joints") for name in getattr(self, kind)}
         for key in [*wanted, *(f"joints.{name}" for name in exoskeleton.joint_names)]:
@@ -107,13 +101,7 @@ class Guard(Declared):
 
 
 def check_limits(limits: Limits, muscles: Sequence[Muscle]) -> None:
-    """Check that every muscle has limits within what its data sheet permits.
-
-    Raises
-    ------
-    ValueError
-        Naming the muscle.
-    """
+    """Check that every muscle has limits within what its data sheet permits; a `ValueError` names the muscle."""
     for muscle in muscles:
         if muscle.type not in limits:
             raise ValueError(

@@ -54,14 +54,9 @@ class ManualRig(Rig):
         return folder
 
     def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
-        """Read what the operator recorded, or ask for it.
+        """Read what the operator recorded, or ask for it by `TrialRequested` where the trial's file is not there yet.
 
-        Raises
-        ------
-        TrialRequested
-            When the trial's file is not there yet.
-        RigError
-            When the file does not hold what was asked for.
+        A `RigError` tells that the file does not hold what was asked for.
         """
         content = hashlib.sha256(trial.kind.encode() + trial.participant.encode())
         content.update(trial.pressure_command_kpa.tobytes())

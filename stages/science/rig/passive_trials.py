@@ -36,10 +36,7 @@ class Sweeps(Declared):
     def check_against(self, exoskeleton: Exoskeleton, path: str) -> None:
         """Check that every joint has muscles that pull against each other, and that a trial has time for its sweeps.
 
-        Raises
-        ------
-        ValueError
-            Naming the key, below the path of this section in the configuration.
+        A `ValueError` names the key, below the path of this section in the configuration.
         """
         check_ranges(self.range_kpa, exoskeleton, f"{path}.range_kpa")
         for joint in exoskeleton.joint_names:
@@ -70,13 +67,7 @@ class Sweeps(Declared):
         return max(sweeping, STEEPEST * span / change_s if change_s else np.inf)
 
     def check_rates(self, exoskeleton: Exoskeleton, limits: Limits | None, path: str) -> None:
-        """Check that a rig with limits applies commands as they are.
-
-        Raises
-        ------
-        ValueError
-            Naming the muscle, its rate and the limit.
-        """
+        """Check that a rig with limits applies commands as they are; a `ValueError` names muscle, rate and limit."""
         for muscle in exoskeleton.muscles:
             rate = self.largest_rate_kpa_per_s(muscle.name, exoskeleton)
             if limits and muscle.type in limits and rate > limits[muscle.type].slew_kpa_per_s:

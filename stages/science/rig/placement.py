@@ -27,12 +27,8 @@ def keep(rows: pd.DataFrame, rate_hz: float, samples: int, largest_jitter: float
     """Return the rows of a trial that is sampled as the machine is, on its clock; the jitter is as of `regularise`.
 
     Rows are adopted columns, in the order of time within each muscle; their index counts the rows of the file. Those at
-    times below 0 are the lead-in, which is of any length.
-
-    Raises
-    ------
-    RecordingError
-        Where rate or length differ, or something is missing.
+    times below 0 are the lead-in, which is of any length. A `RecordingError` tells that rate or length differ, or that
+    something is missing.
     """
     own_hz = find_rate(rows, ("muscle",), None)
     if abs(own_hz / rate_hz - 1.0) > SAME_RATE:
@@ -70,12 +66,8 @@ def resample(rows: pd.DataFrame, rate_hz: float, samples: int, largest_gap_s: fl
     """Return the rows of a trial, as of `keep`, at the machine's samples.
 
     Readings between two are interpolated. Commands, and how samples were taken, hold until the next one. What is
-    missing holds the values before and is marked ``missed``.
-
-    Raises
-    ------
-    RecordingError
-        Where more is missing than the longest stretch without samples that is bridged, s.
+    missing holds the values before and is marked ``missed``. A `RecordingError` tells that more is missing than the
+    longest stretch without samples that is bridged, s.
     """
     latest_s = float(rows.groupby("muscle", sort=False)["time_s"].min().max())
     lead = max(math.floor(-latest_s * rate_hz + A_ROUNDING), 0)

@@ -34,10 +34,7 @@ def assume_conduct(frame: pd.DataFrame) -> pd.DataFrame:
 def check_values(frame: pd.DataFrame) -> pd.DataFrame:
     """Return the columns of `RECORDING_COLUMNS`, each of its type.
 
-    Raises
-    ------
-    ValueError
-        Naming the column, what was expected of it, and the first value that is otherwise.
+    A `ValueError` names the column, what was expected of it, and the first value that is otherwise.
     """
     import pandera.pandas as pa  # slow to import, and most rigs read no rows
 
@@ -93,10 +90,7 @@ def replayed_trial(
 def arrange(samples: pd.DataFrame, column: str, rig: Rig) -> Array:
     """Return a column of one movement's rows, told apart by time_s and muscle, by time and muscle of the rig (T, M).
 
-    Raises
-    ------
-    ValueError
-        When a muscle of the rig is not in the samples.
+    A `ValueError` tells that a muscle of the rig is not in the samples.
     """
     known = set(samples["muscle"].unique())
     missing = [name for name in rig.muscles if name not in known]

@@ -112,10 +112,7 @@ class ReplayRig(Rig):
     def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
         """Return the recording of this trial; all of its kind are read when the first one is asked for.
 
-        Raises
-        ------
-        RigError
-            When none is near enough, there are fewer, or a file does not hold what it should.
+        A `RigError` tells that none is near enough, there are fewer, or a file does not hold what it should.
         """
         if trial.kind not in self._recorded:
             files = [file for path in getattr(self.recordings, trial.kind) for file in _list_files(path)]

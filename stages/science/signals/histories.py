@@ -38,13 +38,7 @@ def sum_distance(rate: Array, step_s: float) -> Array:
 
 
 def find_signal(name: str, signals: Mapping[str, Array], step_s: float, time_scale_s: float) -> Array:
-    """Return a signal, or the history that a name tells, of signals by name.
-
-    Raises
-    ------
-    ValueError
-        When there is no such signal.
-    """
+    """Return a signal, or the history that a name tells, of signals by name; `ValueError` where there is none."""
     if name in signals:
         return signals[name]
     before = next((each for each in HISTORIES if name.startswith(f"{each} ")), "")

@@ -11,12 +11,8 @@ def band_noise(
 ) -> Array:
     """Draw Gaussian noise (samples, columns) whose power lies between two frequencies, with unit expected variance.
 
-    Columns are independent; the band between the frequencies is flat, and the mean never in it.
-
-    Raises
-    ------
-    ValueError
-        When no frequency of a signal of this length and rate lies in the band.
+    Columns are independent; the band between the frequencies is flat, and the mean never in it. A `ValueError` tells
+    that no frequency of a signal of this length and rate lies in the band.
     """
     band = select_band(samples, sampling_rate_hz, low_hz, high_hz)
     if not band.any():

@@ -90,12 +90,8 @@ class CountRange(Declared):
 class ChannelMap:
     """All channels of a machine: ``places`` by name, as ``pam1.force``, ``names`` and ``inputs`` but for regulators.
 
-    Channels of muscles and encoders of joints that the machine does not have are left alone.
-
-    Raises
-    ------
-    ValueError
-        Naming a muscle or joint without channels, a module of another kind, or a channel that serves twice.
+    Channels of muscles and encoders of joints that the machine does not have are left alone. A `ValueError` names a
+    muscle or joint without channels, a module of another kind, or a channel that serves twice.
     """
 
     def __init__(
@@ -140,12 +136,8 @@ class ChannelMap:
     def check_against(self, limits: Limits, guard: Guard, counts: CountRange) -> None:
         """Check that outputs can tell what may be commanded, and inputs of a range of counts what ends a trial.
 
-        Outputs of 0, to which the device's watchdog sets them, have to command no pressure.
-
-        Raises
-        ------
-        ValueError
-            Naming the channel.
+        Outputs of 0, to which the device's watchdog sets them, have to command no pressure. A `ValueError` names the
+        channel.
         """
         for m, muscle in enumerate(self.exoskeleton.muscles):
             path, command, ceiling = f"channels.{muscle.name}", self.commands[m], guard.ceilings[muscle.type]

@@ -88,10 +88,7 @@ class CpxLink:
     def open(self) -> None:
         """Connect, check the modules and set all outputs to zero pressure.
 
-        Raises
-        ------
-        RigError
-            When the library is not there, nobody answers, or other modules stand there.
+        A `RigError` tells that the library is not there, nobody answers, or other modules stand there.
         """
         kinds = _import_modules()
         self._cpx = kinds["CpxE"](modules=[kinds[kind]() for kind in self.device.modules])
@@ -138,13 +135,7 @@ class CpxLink:
         self._cpx = None
 
     def let_go(self) -> None:
-        """Vent, let the watchdog rest once that is confirmed, and disconnect.
-
-        Raises
-        ------
-        RigError
-            When the device could not be told.
-        """
+        """Vent, let the watchdog rest once that is confirmed, and disconnect; `RigError` where it could not be told."""
         if self._cpx is None:
             return  # given up already, so that the watchdog acts
         try:
@@ -160,10 +151,7 @@ class CpxLink:
     def read(self) -> Array:
         """Return the counts of all inputs, in the order of the channel map.
 
-        Raises
-        ------
-        LinkLost
-            When an answer is late, cut short or none, or all of them together take half the watchdog's time.
+        `LinkLost` tells that an answer is late, cut short or none, or that all of them take half the watchdog's time.
         """
         found: dict[int, list[int]] = {}
         counts = []
@@ -181,11 +169,8 @@ class CpxLink:
     def write(self, command_kpa: Array) -> None:
         """Command pressures (M,), kPa gauge; a module that refuses its outputs keeps no other from having theirs.
 
-        Raises
-        ------
-        LinkLost
-            When the device does not confirm, or has vented meanwhile: then nothing but zero is commanded, as any other
-            command would fill empty muscles at once.
+        `LinkLost` tells that the device does not confirm, or has vented meanwhile: then nothing but zero is commanded,
+        as any other command would fill empty muscles at once.
         """
         if self._armed and np.any(command_kpa > 0.0) and self.longest_silence_s > VENTED * self.device.watchdog_s:
             raise LinkLost(f"it heard nothing for {1e3 * self.longest_silence_s:.0f} ms, so that its watchdog vented")

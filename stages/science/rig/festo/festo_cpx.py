@@ -76,10 +76,7 @@ class FestoCpx(FillingRig):
     def connect(self) -> None:
         """Take the device for this process alone, check its modules and vent all muscles.
 
-        Raises
-        ------
-        RigError
-            When another process holds it, or it does not answer as it should.
+        A `RigError` tells that another process holds it, or that it does not answer as it should.
         """
         if self._link is not None:
             return
@@ -129,13 +126,7 @@ class FestoCpx(FillingRig):
             )
 
     def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
-        """Execute one trial.
-
-        Raises
-        ------
-        TrialStopped
-            When a limit, a sensor, the link or the loop's pace ended it.
-        """
+        """Execute one trial; `TrialStopped` tells that a limit, a sensor, the link or the loop's pace ended it."""
         applied, clipped = apply_limits(
             trial.pressure_command_kpa, self.limits, self.exoskeleton, self.co_contraction_kpa
         )
@@ -168,10 +159,7 @@ class FestoCpx(FillingRig):
     def read_counts(self, record_s: float) -> CountRecording:
         """Record the raw counts of all inputs for a time, s, at the sampling rate; no output is touched.
 
-        Raises
-        ------
-        RigError
-            When the rig is not connected or the device does not answer.
+        A `RigError` tells that the rig is not connected or the device does not answer.
         """
         link, rate_hz = self._linked(), self.sampling_rate_hz
         ticks = pace(max(round(record_s * rate_hz), 2), 1.0 / rate_hz)
@@ -193,13 +181,9 @@ class FestoCpx(FillingRig):
         ceiling, a sensor at its end or a late loop had the muscle let down early, as far as channels that are not
         calibrated yet can tell, in the guard's time at most.
 
-        Raises
-        ------
-        ValueError
-            When there is no such muscle, or the command is beyond its limits; nothing was commanded then.
-        RigError
-            When the rig is not connected, the device does not answer, or it could not be reached to let the muscle
-            down: then its watchdog does.
+        A `ValueError` tells that there is no such muscle, or that the command is beyond its limits; nothing was
+        commanded then. A `RigError` tells that the rig is not connected, that the device does not answer, or that it
+        could not be reached to let the muscle down: then its watchdog does.
         """
         link, rate_hz, period_s = self._linked(), self.sampling_rate_hz, 1.0 / self.sampling_rate_hz
         if muscle not in self.muscles:

@@ -66,13 +66,7 @@ class CalibrationSettings(Declared):
         return {name: self.points[name] for name in (self.points if self.only is None else self.only)}
 
     def check_channels(self, muscles: Iterable[str], joints: Iterable[str]) -> None:
-        """Check that every channel is one of the machine.
-
-        Raises
-        ------
-        ValueError
-            Naming it, with the nearest name.
-        """
+        """Check that every channel is one of the machine; a `ValueError` names one that is not, and the nearest."""
         kinds = ("pressure", "command", "force")
         known = [f"{each}.{kind}" for each in muscles for kind in kinds] + [f"{each}.encoder" for each in joints]
         for name in self.points:
@@ -146,10 +140,7 @@ def label(point: int, attempt: int) -> str:
 def find_reading(text: str, wanted: str) -> float | None:
     """Return what a gauge showed, kPa, by the last line of label and kPa that tells it; None where none does.
 
-    Raises
-    ------
-    ValueError
-        When that line tells no pressure.
+    A `ValueError` tells that this line tells no pressure.
     """
     rows = [row for row in csv.reader(text.splitlines()) if row and row[0].strip() == wanted]
     if not rows:
