@@ -218,7 +218,9 @@ class OperatorSession(Attendance):
             missing = [role for role in self.settings.needed if not self._count(role)]
             if word == "accept" and missing:
                 raise Refused(f"the {' and the '.join(missing)} page is not open, whose loss would stop the trial")
-            self._decision = next(each for each in self._choices if each == word), _write_out(note)
+            # a terminal of another encoding may pass on characters that no file can hold
+            text = note.encode("utf-8", "replace").decode("utf-8").strip()
+            self._decision = next(each for each in self._choices if each == word), text
             self._changed.notify_all()
 
     def stop(self, why: str) -> None:
@@ -355,8 +357,3 @@ def _entitle(trial: Trial) -> str:
     doing = {"passive": "nobody moves", "free": f"{trial.participant} moves freely"}
     does = doing.get(trial.kind, f"{trial.participant} follows the reference")
     return f"trial {trial.proposal.position} of {trial.proposal.total}: {does}" if trial.proposal else does
-
-
-def _write_out(note: str) -> str:
-    """Return a note as text that a file can hold: a terminal of another encoding may pass on what is none."""
-    return note.encode("utf-8", "replace").decode("utf-8").strip()

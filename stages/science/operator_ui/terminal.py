@@ -52,7 +52,10 @@ class Terminal:
             return
         self._told, phase = now, scene["phase"]
         if phase == "proposed" and scene["choices"]:
-            self._say(*_describe_proposal(scene["trial"]), self._offer(scene))
+            trial = scene["trial"]
+            reason = [f"  {trial['reason']}"] if trial["reason"] else []
+            title = f"{trial['title']}, {trial['duration_s']:g} s ({trial['label']})"
+            self._say(title, *reason, self._offer(scene))
         elif phase == "countdown":
             ahead_s = max((scene["starts_at_s"] or 0.0) - clock.now_s(), 0.0)
             self._say(f"begins{f' in {math.ceil(ahead_s)} s' if ahead_s > 0.0 else ''}; Enter stops it")
@@ -110,12 +113,6 @@ class Terminal:
         self._sink.flush()
 
 
-def _describe_proposal(trial: dict[str, Any]) -> list[str]:
-    """Return lines that say which trial is proposed and why."""
-    reason = [f"  {trial['reason']}"] if trial["reason"] else []
-    return [f"{trial['title']}, {trial['duration_s']:g} s ({trial['label']})", *reason]
-
-
 def _describe_outcome(scene: dict[str, Any]) -> list[str]:
     """Return lines that say how a trial went."""
     outcome = scene["outcome"]
@@ -125,8 +122,7 @@ def _describe_outcome(scene: dict[str, Any]) -> list[str]:
     if outcome["not_ok"]:
         lines.append(f"  {outcome['not_ok']} of {outcome['samples']} samples are not ok")
     if "tracking_error_rad" in outcome:
-        names = [each["name"] for each in scene["machine"]["joints"]]
-        errors = zip(names, outcome["tracking_error_rad"], strict=True)
-        degrees = [f"{name} {math.degrees(error):.1f}" for name, error in errors]
-        lines.append(f"  tracking error (RMS, degrees): {', '.join(degrees)}")
+        errors = zip(scene["machine"]["joints"], outcome["tracking_error_rad"], strict=True)
+        degrees = ", ".join(f"{joint['name']} {math.degrees(error):.1f}" for joint, error in errors)
+        lines.append(f"  tracking error (RMS, degrees): {degrees}")
     return lines

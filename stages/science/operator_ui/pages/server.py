@@ -210,39 +210,35 @@ class PageServer:
         return connection
 
     async def _tell(self, page: Socket) -> None:
-        """Tell a page what is to be seen until it is closed."""
+        """Tell a page the newest of what is to be seen in each turn until it is closed, so that nothing is queued."""
+        number, moment, asked_s, due_s = -1, None, -math.inf, time.monotonic()
         try:
-            await self._tell_newest(page)
+            while not page.connection.closed:
+                while page.answers:
+                    answer = page.answers.popleft()
+                    if answer["kind"] == "clock":
+                        answer["sent_s"] = clock.now_s()
+                    await page.connection.send_str(_encode(answer))
+                if self.session.number != number:
+                    number, scene = self._tell_scene(page.role)
+                    await page.connection.send_str(scene)
+                newest = self.session.moment
+                if newest is not moment and page.on_the_way < MOST_ON_THE_WAY:
+                    moment = newest
+                    if newest is not None:
+                        page.on_the_way += 1
+                        told = {name: np.round(value, 5).tolist() for name, value in newest._asdict().items()}
+                        await page.connection.send_str(_encode({"kind": "moment", **told}))
+                if time.monotonic() - asked_s >= BEAT_S:
+                    asked_s = time.monotonic()
+                    await page.connection.send_str('{"kind":"beat"}')
+                due_s = max(due_s + 1.0 / SENT_HZ, time.monotonic())
+                await asyncio.sleep(due_s - time.monotonic())
         except ConnectionError:
             pass
         except Exception:
             await page.connection.close(code=FAILED, message=b"the program failed to tell what is to be seen")
             raise
-
-    async def _tell_newest(self, page: Socket) -> None:
-        """Tell the newest in each turn, so that nothing waits in a queue."""
-        number, moment, asked_s, due_s = -1, None, -math.inf, time.monotonic()
-        while not page.connection.closed:
-            while page.answers:
-                answer = page.answers.popleft()
-                if answer["kind"] == "clock":
-                    answer["sent_s"] = clock.now_s()
-                await page.connection.send_str(_encode(answer))
-            if self.session.number != number:
-                number, scene = self._tell_scene(page.role)
-                await page.connection.send_str(scene)
-            newest = self.session.moment
-            if newest is not moment and page.on_the_way < MOST_ON_THE_WAY:
-                moment = newest
-                if newest is not None:
-                    page.on_the_way += 1
-                    told = {name: np.round(value, 5).tolist() for name, value in newest._asdict().items()}
-                    await page.connection.send_str(_encode({"kind": "moment", **told}))
-            if time.monotonic() - asked_s >= BEAT_S:
-                asked_s = time.monotonic()
-                await page.connection.send_str('{"kind":"beat"}')
-            due_s = max(due_s + 1.0 / SENT_HZ, time.monotonic())
-            await asyncio.sleep(due_s - time.monotonic())
 
     def _tell_scene(self, role: str) -> tuple[int, str]:
         """Return the scene's number and text; what is long in it is written once, as a rig waits for no page."""
