@@ -3,8 +3,7 @@
 In: `calibration_lines`, `calibration_changes`. Out: `calibration_findings`, `calibration_advice`.
 """
 
-from collections.abc import Hashable, Iterator, Mapping
-from typing import Any
+from collections.abc import Iterator
 
 import pandas as pd
 
@@ -36,11 +35,19 @@ def describe_lines(lines: pd.DataFrame, changes: pd.DataFrame) -> Iterator[str]:
     good, refused = _split(lines)
     text = f"{len(good)} of {len(lines)} channels are calibrated"
     kinds = good.groupby([split_name(each)[1] for each in good["channel"]], sort=False)
-    residuals = ", ".join(_describe_worst(str(kind), rows) for kind, rows in kinds)
+    worst = {kind: rows.sort_values("residual_largest").iloc[-1] for kind, rows in kinds}
+    residuals = ", ".join(
+        f"{row['residual_largest']:.2g} {row['unit']} of {kind} ({row['channel']}, {row['points']} points)"
+        for kind, row in worst.items()
+    )
     yield f"{text}. The point that lies farthest from its line is off by {residuals}." if residuals else f"{text}."
     strange = changes[changes["channel"].isin(good["channel"]) & ~changes["plausible"]]
     if len(strange):
-        told = "; ".join(_describe_change(row) for row in strange.to_dict("records"))
+        told = "; ".join(
+            f"{row['channel']}, with {row['ratio']:.3g} times the value per count, read {row['at_zero']:.3g} "
+            f"{row['unit']} at zero until now"
+            for row in strange.to_dict("records")
+        )
         yield f"Far from what was configured, and used: {told}."
     for row in refused.to_dict("records"):
         yield f"{row['channel']} stays as configured: {row['told']}."
@@ -60,13 +67,3 @@ def advise(lines: pd.DataFrame) -> Iterator[str]:
 def _split(lines: pd.DataFrame) -> tuple[pd.DataFrame, pd.DataFrame]:
     good = lines["status"] == "calibrated"
     return lines[good], lines[~good]
-
-
-def _describe_worst(kind: str, rows: pd.DataFrame) -> str:
-    worst = rows.sort_values("residual_largest").iloc[-1]
-    return f"{worst['residual_largest']:.2g} {worst['unit']} of {kind} ({worst['channel']}, {worst['points']} points)"
-
-
-def _describe_change(row: Mapping[Hashable, Any]) -> str:
-    zero = f"{row['at_zero']:.3g} {row['unit']}"
-    return f"{row['channel']}, with {row['ratio']:.3g} times the value per count, read {zero} at zero until now"
