@@ -57,15 +57,14 @@ def describe(
     lines = [
         f"{len(columns)} columns, {' or '.join(map(str, rows))} rows",
         *(f"  {each}" for each in [*header.remarks, *header.dropped]),
+        *(f"  {name} = {value:g}, a single number" for name, value in header.single.items()),
+        *("", *_describe_columns(columns, header.units, guess)),
+        *("", *_describe_clock(columns, guess, largest_jitter)),
     ]
-    lines += [f"  {name} = {value:g}, a single number" for name, value in header.single.items()]
-    lines += ["", *_describe_columns(columns, header.units, guess)]
-    lines += ["", *_describe_clock(columns, guess, largest_jitter)]
-    marks = {name: find_mark(values, least=1) for name, values in columns.items() if _is_number(values)}
     unknown = [
         f"in {name} {told}: leave empty in the file what was not read, so that it counts as missing"
-        for name, told in marks.items()
-        if told
+        for name, values in columns.items()
+        if _is_number(values) and (told := find_mark(values, least=1))
     ]
     unknown += _describe_unknown(guess, machines)
     return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
@@ -104,8 +103,8 @@ def _guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], s
         guess.units |= {} if unit is None else {TIME: unit}
     if not guess.muscles and not guess.endings:
         _separate_records(guess, columns)
-    if "part" in guess.columns:
-        guess.parts = pair_parts([str(each) for each in columns[guess.columns["part"]].dropna().unique()])
+    if part := guess.columns.get("part"):
+        guess.parts = pair_parts([str(each) for each in columns[part].dropna().unique()])
     return guess
 
 

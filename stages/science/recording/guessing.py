@@ -10,7 +10,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 
 from stages.science.recording.headings import Heading, read_heading
-from stages.science.recording.units import KINDS, end_of, find_kind, own_unit, read_unit
+from stages.science.recording.units import KINDS, UNIT_KINDS, end_of, own_unit, read_unit
 
 TIMES = (
     "t",
@@ -102,7 +102,7 @@ def choose_machine(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -> t
     is measured. A key that has to be null has no signals. None where no machine has all that it needs, or none answers
     by the signal that does.
     """
-    kinds = {each: None if each in guess.assumed else find_kind(own_unit(each)) for each in guess.signals}
+    kinds = {each: None if each in guess.assumed else UNIT_KINDS[own_unit(each)] for each in guess.signals}
     measured = {kinds[each] for each in guess.signals if not COMMANDED.search(each)}
     usable = [each for each in guess.signals if not COMMANDED.search(each) or kinds[each] not in measured]
     found = []
@@ -198,7 +198,7 @@ def _read(column: str, units: Mapping[str, str]) -> Heading:
 
 def _kind(column: str, units: Mapping[str, str]) -> str | None:
     unit = _read(column, units).unit
-    return None if unit is None else find_kind(unit)
+    return None if unit is None else UNIT_KINDS[unit]
 
 
 def _take_first(guess: Guess, name: str, columns: Sequence[str], units: Mapping[str, str]) -> None:
@@ -223,7 +223,7 @@ def _take_muscles(guess: Guess, rest: Sequence[str], units: Mapping[str, str]) -
 def _name_unit(name: str) -> str | None:
     """Return the unit that a name states beside its kind of quantity, as current_a does; None where it does not."""
     unit = own_unit(name)
-    kind = "ratio" if RATIOS.search(name) else find_kind(unit)
+    kind = "ratio" if RATIOS.search(name) else UNIT_KINDS[unit]
     return unit if kind in name or RATIOS.search(name) else None
 
 
@@ -240,7 +240,7 @@ def _take_signals(guess: Guess, rest: Sequence[str], plain: Mapping[str, str], u
             name = WITHOUT_UNIT[str(role)]
             guess.assumed.append(name)
         else:
-            kind = find_kind(unit)
+            kind = UNIT_KINDS[unit]
             own = next(iter(KINDS[kind]))
             stem = plain[column] or f"{_plain(kind)}_{rest.index(column) + 1}"
             stem = stem if stem[0].isalpha() else f"signal_{stem}"

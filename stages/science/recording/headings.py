@@ -11,10 +11,10 @@ from stages.science.recording.columns import RecordingError
 from stages.science.recording.units import (
     ENDS,
     OTHER_SPELLINGS,
+    UNIT_KINDS,
     ZEROS,
     choose_unit,
     end_of,
-    find_kind,
     known_units,
     own_unit,
     read_unit,
@@ -77,17 +77,16 @@ def _read_end(end: str, apart: bool) -> str | None:
 def _is_compound(name: str, unit: str, gap: str) -> bool:
     """Return whether a unit is the last piece of one that is not known, as mm is of N/mm, and no unit of the name."""
     before = re.split(r"[\s_./,;]+", name)
-    kind = find_kind(unit)
     piece = before[-1] if len(before) > 1 else ""
-    own = read_unit(piece)
-    if ONLY_IN_COMPOUNDS.fullmatch(piece) or (piece == "n" and kind == "length"):  # a small n is one of force there
-        return True
-    if re.search(r"\bin [\d.,^x-]+$", name):  # a factor, as in ``Kraft in 10 N``
-        return True
-    if own is not None and piece in (own, own.replace(" ", ""), *OTHER_SPELLINGS):
-        return True
+    own, kind = read_unit(piece), UNIT_KINDS[unit]
     loose = gap.strip(" _.") == "" and unit == "s"
-    return kind == "time" and (gap == "/" or unit == "min" or loose) and not CLOCK.fullmatch(name)
+    return bool(
+        ONLY_IN_COMPOUNDS.fullmatch(piece)
+        or (piece == "n" and kind == "length")  # a small n is one of force there
+        or re.search(r"\bin [\d.,^x-]+$", name)  # a factor, as in ``Kraft in 10 N``
+        or (own is not None and piece in (own, own.replace(" ", ""), *OTHER_SPELLINGS))
+        or (kind == "time" and (gap == "/" or unit == "min" or loose) and not CLOCK.fullmatch(name))
+    )
 
 
 def check_headings(
@@ -113,7 +112,7 @@ def check_headings(
         try:
             remedy = f"set {key}={choose_unit(name, heading.unit)}"
         except ValueError:
-            remedy = f"name the signal by its {find_kind(heading.unit)}, as NAME_{end_of(heading.unit)}"
+            remedy = f"name the signal by its {UNIT_KINDS[heading.unit]}, as NAME_{end_of(heading.unit)}"
         raise RecordingError(
             f"column {source}: the file states {heading.unit}, and {name} is in {own}; {remedy}, or {key}={own} if "
             "the file is wrong"

@@ -9,15 +9,7 @@ import re
 import pandas as pd
 
 KINDS: dict[str, dict[str, float]] = {
-    "force": {
-        "N": 1.0,
-        "mN": 1e-3,
-        "daN": 10.0,
-        "kN": 1e3,
-        "lbf": 4.4482216152605,
-        "gf": 9.80665e-3,
-        "kgf": 9.80665,
-    },
+    "force": {"N": 1.0, "mN": 1e-3, "daN": 10.0, "kN": 1e3, "lbf": 4.4482216152605, "gf": 9.80665e-3, "kgf": 9.80665},
     "pressure": {
         "kPa": 1.0,
         "Pa": 1e-3,
@@ -54,6 +46,9 @@ KINDS: dict[str, dict[str, float]] = {
 }
 """By kind of quantity: each unit as a multiple of the first. Pressures are gauge pressures in every unit."""
 
+UNIT_KINDS = {unit: kind for kind, units in KINDS.items() for unit in units}
+"""Kind of quantity by unit."""
+
 MINUS = "-"
 """Before a unit: of the other sign."""
 ZEROS = {"degC": 273.15, "degF": 459.67 * 5.0 / 9.0}
@@ -83,12 +78,12 @@ _SPELLINGS = {
 OTHER_SPELLINGS = {spelled: unit for unit, told in _SPELLINGS.items() for spelled in told.split()}
 
 
-def _spell(unit: str) -> str:
-    """Return a unit as the ending of a column's name spells it."""
+def end_of(unit: str) -> str:
+    """Return the ending of a column's name that states a unit."""
     return re.sub(r"^_", "", unit.lower().replace(" ", "").replace("1/", "/").replace("/", "_per_"))
 
 
-ENDS = {_spell(unit): (kind, unit) for kind, units in KINDS.items() for unit in units if unit != "in"}
+ENDS = {end_of(unit): (kind, unit) for unit, kind in UNIT_KINDS.items() if unit != "in"}
 """Kind and unit by a name's ending. Inches are left out, as too many names end in the word in."""
 
 WITHOUT_END = ("ratio", "ratio")
@@ -132,23 +127,12 @@ def read_unit(text: str) -> str | None:
     spelled = next(
         (OTHER_SPELLINGS[each] for each in (spelled, bare, bare.lower()) if each in OTHER_SPELLINGS), spelled
     )
-    known = [unit for units in KINDS.values() for unit in units]
-    products = {unit.replace(" ", ""): unit for unit in known if " " in unit}
+    products = {unit.replace(" ", ""): unit for unit in UNIT_KINDS if " " in unit}
     spelled = products.get(spelled.replace(" ", ""), spelled)
-    if spelled in known:
+    if spelled in UNIT_KINDS:
         return spelled
-    alike = {unit.lower(): unit for unit in known}
+    alike = {unit.lower(): unit for unit in UNIT_KINDS}
     return alike.get(spelled.lower()) if len(spelled) > 1 or spelled.lower() in "snvaw" else None
-
-
-def end_of(unit: str) -> str:
-    """Return the ending of a column's name that states a unit."""
-    return next(end for end, (_, each) in ENDS.items() if each == unit)
-
-
-def find_kind(unit: str) -> str:
-    """Return the kind of quantity of a unit."""
-    return next(kind for kind, units in KINDS.items() if unit in units)
 
 
 def choose_unit(name: str, unit: str | None) -> str:
@@ -164,10 +148,10 @@ def choose_unit(name: str, unit: str | None) -> str:
         return str(meant)
     told = f"units.{name}: no unit '{unit}'"
     spelled = re.sub(r"_([^_]+)$", r"_per_\1", name)  # flow_m3_per_s of flow_m3_s
-    ends_in_it = "_per_" in _spell(own_unit(spelled)) and "_per_" not in name
+    ends_in_it = "_per_" in end_of(own_unit(spelled)) and "_per_" not in name
     if meant is not None and ends_in_it and meant in known_units(spelled):
         raise ValueError(f"{told} for a name that ends in {own_unit(name)}; name the signal {spelled}, with per for /")
     if meant is not None and _state(name) == WITHOUT_END:
-        stated = next(iter(KINDS[find_kind(meant)]))
+        stated = next(iter(KINDS[UNIT_KINDS[meant]]))
         raise ValueError(f"{told} for a name that ends in no unit; name the signal {name}_{end_of(stated)}")
     raise ValueError(f"{told}; choose from: {', '.join(known)}")

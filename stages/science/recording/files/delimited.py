@@ -18,7 +18,7 @@ import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 
-from stages.science.recording.units import KINDS, ZEROS, find_kind, read_unit
+from stages.science.recording.units import KINDS, UNIT_KINDS, ZEROS, read_unit
 
 SEPARATORS = ("\t", ";", ",", "|", "")
 """Between columns, the first of equals first; the empty one stands for blanks."""
@@ -99,7 +99,7 @@ class _Column:
         numbers, is_number = self.numbers[kept], self.is_number[kept]
         counted = Counter(units.values()).most_common()
         if len(counted) > 1:
-            kind, (usual, _) = KINDS[find_kind(counted[0][0])], counted[0]
+            kind, (usual, _) = KINDS[UNIT_KINDS[counted[0][0]]], counted[0]
             if {*ZEROS} & {*units.values()} or not {*units.values()} <= {*kind} or len(units) < is_number.sum():
                 told = " and ".join(unit for unit, _ in counted)
                 raise ValueError(
