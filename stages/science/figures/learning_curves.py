@@ -30,16 +30,9 @@ def draw_learning_curves(
 ) -> Figure:
     """Draw the mean of the error rate over trials, and its SD: of every line, or of the first one of many.
 
-    Parameters
-    ----------
-    summary : DataFrame
-        Columns trial, muscle, error_rate_mean, error_rate_sd and the one named by `by`, of which `title` tells.
-    lines, panels, styles : sequence of str
-        Values of that column and of the muscle column (or test sets), a line and a panel each; line styles, in turn.
-    apart : float
-        Horizontal distance of the lines' points (trials).
-    cut : bool
-        Whether the panels end above the highest mean, so that large SDs do not flatten the means.
+    Columns are trial, muscle, error_rate_mean, error_rate_sd and the one named by `by`, of which `title` tells; lines
+    and panels are values of that one and of muscle (or test sets), line styles serve in turn. The lines' points lie
+    `apart` from each other, in trials. Panels that are `cut` end above the highest mean, which large SDs would flatten.
     """
     from matplotlib.ticker import MaxNLocator
 

@@ -229,9 +229,8 @@ def _name_unit(name: str) -> str | None:
 
 def _take_signals(guess: Guess, rest: Sequence[str], plain: Mapping[str, str], units: Mapping[str, str]) -> None:
     for column in rest:
-        unit = _read(column, units).unit or (
-            _name_unit(plain[column]) if FIELD.sub(r"\1", column).isidentifier() else None
-        )
+        bare = FIELD.sub(r"\1", column).isidentifier()
+        unit = _read(column, units).unit or (_name_unit(plain[column]) if bare else None)
         role = "input" if plain[column] in INPUTS else "output" if plain[column] in OUTPUTS else None
         role = None if role is None or getattr(guess, role) else role
         if unit is None and role is None:
@@ -244,9 +243,8 @@ def _take_signals(guess: Guess, rest: Sequence[str], plain: Mapping[str, str], u
             own = next(iter(KINDS[kind]))
             stem = plain[column] or f"{_plain(kind)}_{rest.index(column) + 1}"
             stem = stem if stem[0].isalpha() else f"signal_{stem}"
-            name = (
-                stem if own_unit(stem) == own and (own != "ratio" or RATIOS.search(stem)) else f"{stem}_{end_of(own)}"
-            )
+            stated = own_unit(stem) == own and (own != "ratio" or RATIOS.search(stem))
+            name = stem if stated else f"{stem}_{end_of(own)}"
         if name in guess.columns:
             continue
         guess.take(name, column, unit)

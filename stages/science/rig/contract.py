@@ -196,14 +196,12 @@ class Rig(Declared):
         attendance.propose(trial)
         try:
             recording = self.run(trial, generator, watch)
-        except TrialStopped as error:
-            if not attendance.why_stop():
-                attendance.tell(str(error))
-                raise
-            attendance.judge(trial, None, str(error))
-            raise
         except BaseException as error:
-            attendance.tell(str(error) or type(error).__name__)
+            told = str(error) or type(error).__name__
+            if isinstance(error, TrialStopped) and attendance.why_stop():
+                attendance.judge(trial, None, told)
+            else:
+                attendance.tell(told)
             raise
         attendance.judge(trial, recording, "")
         return attendance.add_display(recording)

@@ -91,18 +91,14 @@ class SimulatedRig(FillingRig):
         RigError
             When a person is to point at postures and there is no page to do so.
         """
-        if self.pointer is not None and not self.attendance.attends:
-            raise RigError(f"participant {self.pointer} points at postures on a page: set operator_ui=pages")
         if self.pointer is not None:
-            self._warm()
+            if not self.attendance.attends:
+                raise RigError(f"participant {self.pointer} points at postures on a page: set operator_ui=pages")
+            command = np.zeros((4, len(self.muscles)))
+            steps = self._begin(self._middle, embody(self.experimenter, self.exoskeleton), command)
+            while not steps.over:  # compiles what a step takes, before a person waits for it
+                steps.step(command[0])
         super().connect()
-
-    def _warm(self) -> None:
-        """Compile what a step takes, before a person waits for it."""
-        command = np.zeros((4, len(self.muscles)))
-        steps = self._begin(self._middle, embody(self.experimenter, self.exoskeleton), command)
-        while not steps.over:
-            steps.step(command[0])
 
     @property
     def _middle(self) -> Array:
