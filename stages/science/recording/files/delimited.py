@@ -151,11 +151,8 @@ def read_delimited(path: Path) -> tuple[pd.DataFrame, Header]:
 
 def _decode(path: Path) -> tuple[str, str]:
     """Return a file as text, and its encoding."""
-    raw = path.read_bytes()
-    if unpack := PACKED.get(path.suffix.lower()):
-        raw = unpack(raw)
-    raw = raw.rstrip(b"\0") if not raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)) else raw
-    if not raw.strip():
+    raw = PACKED.get(path.suffix.lower(), bytes)(path.read_bytes())
+    if not raw.rstrip(b"\0").strip():
         raise ValueError("it is empty")
     wide = raw.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
     for encoding in ["utf-16"] if wide else ["utf-8-sig", "cp1252"]:
@@ -186,11 +183,8 @@ def _to_number(field: str, decimal: str, thousands: bool = False) -> float | Non
         if not thousands or not re.fullmatch(rf"-?[1-9]\d{{0,2}}([{apart}])\d{{3}}(\1\d{{3}})*(\{decimal}\d+)?", told):
             return None
         told = re.sub(f"[{apart}]", "", told)
-    if decimal == ",":
-        told = told.replace(",", ".")
-    if not re.fullmatch(rf"{NUMBER}|[-+]?inf(inity)?", told, re.IGNORECASE):
-        return None
-    return float(told)
+    told = told.replace(decimal, ".")
+    return float(told) if re.fullmatch(rf"{NUMBER}|[-+]?inf(inity)?", told, re.IGNORECASE) else None
 
 
 def _choose(lines: Sequence[str]) -> tuple[str, str, int]:
@@ -271,9 +265,9 @@ def _read_column(fields: pd.Series, decimal: str) -> _Column:
         decimal = "." if decimal == "," else ","
     small = fields.str.lower()
     missing = small.isin(NOTHING).to_numpy()
-    plain = fields.str.replace(",", ".", regex=False) if decimal == "," else fields
+    plain = fields
     if decimal == ",":
-        plain = plain.where(~fields.str.contains(".", regex=False), "?")
+        plain = fields.str.replace(",", ".", regex=False).where(~fields.str.contains(".", regex=False), "?")
     values = pd.to_numeric(plain.where(~missing, None), errors="coerce")
     is_number = (values.notna() & ~fields.str.contains("_", regex=False)).to_numpy(copy=True)
     is_moment = (~pd.Series(missing | is_number) & fields.str.match(MOMENT)).to_numpy()
@@ -284,12 +278,11 @@ def _read_column(fields: pd.Series, decimal: str) -> _Column:
         numbers = numbers.astype(float)
     for place in left:
         field = str(fields.iloc[place])
-        number, unit = _to_number(field, decimal, thousands=True), ""
+        number = _to_number(field, decimal, thousands=True)
         if number is None and (told := _split_unit(field, decimal)) is not None:
-            number, unit = told
+            number, units[int(place)] = told
         if number is not None:
             numbers[place], is_number[place] = number, True
-            units |= {int(place): unit} if unit else {}
     return _Column(decimal, numbers, is_number, is_moment, missing, units)
 
 
