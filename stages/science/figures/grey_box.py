@@ -7,10 +7,9 @@ import numpy as np
 import pandas as pd
 
 from stages.science.figures.canvas import COLOURS, Figure, new_figure
-from stages.science.figures.learning_curves import AVERAGE, MARKERS, TITLES
+from stages.science.figures.learning_curves import AVERAGE, INK, MARKERS, TITLES
 
 LABELS = {"gaussian_process": "Gaussian_process"}
-INK = "#2b2b2b"
 
 
 def draw_rungs(errors: pd.DataFrame, rungs: Sequence[str], panels: Sequence[str]) -> Figure:

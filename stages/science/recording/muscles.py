@@ -129,9 +129,5 @@ def read_session(meta: Any) -> Session:
 
 def describe_muscles(exoskeleton: Exoskeleton) -> pd.DataFrame:
     """Return a row for each muscle of the configured exoskeleton, under `MUSCLE_COLUMNS`, without starting values."""
-    unknown = dict.fromkeys(NOMINAL, np.nan)
-    rows = [
-        {"muscle": each.name, **{name: getattr(each, name) for name in GEOMETRY}, **unknown}
-        for each in exoskeleton.muscles
-    ]
+    rows = [{"muscle": each.name, **{name: getattr(each, name) for name in GEOMETRY}} for each in exoskeleton.muscles]
     return pd.DataFrame(rows, columns=list(MUSCLE_COLUMNS))

@@ -85,12 +85,11 @@ class Guard(Declared):
 
     def check_against(self, exoskeleton: Exoskeleton, limits: Limits) -> None:
         """Check that everything has its limit, and that no command reaches a ceiling; a `ValueError` names the key."""
-        wanted = [f"ceilings.{muscle.type}" for muscle in exoskeleton.muscles]
-        given = {f"{kind}.{name}" for kind in ("ceilings", "joints") for name in getattr(self, kind)}
-        for key in [*wanted, *(f"joints.{name}" for name in exoskeleton.joint_names)]:
-            if key not in given:
-                kind, _, name = key.partition(".")
-                raise ValueError(f"guard.{kind}: none for {name}; add guard.{key}")
+        wanted = {"ceilings": [muscle.type for muscle in exoskeleton.muscles], "joints": exoskeleton.joint_names}
+        for kind, names in wanted.items():
+            for name in names:
+                if name not in getattr(self, kind):
+                    raise ValueError(f"guard.{kind}: none for {name}; add guard.{kind}.{name}")
         for muscle in exoskeleton.muscles:
             ceiling_kpa, high_kpa = self.ceilings[muscle.type].pressure_kpa, limits[muscle.type].high_kpa
             if ceiling_kpa <= high_kpa:
