@@ -127,7 +127,7 @@ def read_delimited(path: Path) -> tuple[pd.DataFrame, Header]:
     if len(rows) < 2:
         raise ValueError("expected two rows of numbers or more, got one")
     ended = bool(columns[-1].missing[kept].all())
-    names, units, above = _find_heads(lines[:first], (separator, decimal), width, ended)
+    names, units, above = _find_heads(lines[:first], separator, decimal, width, ended)
     dropped = _describe_odd(lines, {*map(int, rows)}, (first, last), (separator, decimal, width), (names, units))
     told = _name(names, columns, kept)
     settled = {name: columns[k].keep(kept) for k, name in told.items()}
@@ -325,14 +325,13 @@ def _settle(column: _Column, fields: pd.Series) -> pd.Series:
 
 
 def _find_heads(
-    lines: Sequence[str], signs: tuple[str, str], width: int, ended: bool
+    lines: Sequence[str], separator: str, decimal: str, width: int, ended: bool
 ) -> tuple[list[str], list[str], int]:
     """Return the columns' names and units, as far as the lines above the values tell them, and how many lines are left.
 
-    The signs are separator and decimal; if lines of values are `ended` by a separator, names need not be.
+    If lines of values are `ended` by a separator, names need not be.
     """
     heads: list[list[str]] = []
-    separator, decimal = signs
     for line in reversed(lines):
         found = None if separator and line.startswith(separator) else COMMENT.match(line)
         bare = line[found.end() :] if found else line
@@ -343,7 +342,7 @@ def _find_heads(
             heads.append(row)
         elif bare.strip() and not found:
             if not heads:
-                _refuse_other_width(_split(bare, separator), signs, width)
+                _refuse_other_width(_split(bare, separator), separator, decimal, width)
             break
         if len(heads) == HEADS:
             break
@@ -377,12 +376,12 @@ def _count_units(row: Sequence[str]) -> float:
     return sum(map(bool, known)) / max(len(filled), 1)
 
 
-def _refuse_other_width(row: Sequence[str], signs: tuple[str, str], width: int) -> None:
+def _refuse_other_width(row: Sequence[str], separator: str, decimal: str, width: int) -> None:
     """Refuse names that are fewer or more than the columns below them."""
-    if len(row) < 2 or any(_is_value(each, signs[1]) for each in row) or not all(row):
+    if len(row) < 2 or any(_is_value(each, decimal) for each in row) or not all(row):
         return
     remedy = "put # before the lines above the names of the columns"
-    if signs[0] == "," and width > len(row):
+    if separator == "," and width > len(row):
         remedy = f"if its numbers have decimal commas, write it with semicolons between the columns; else {remedy}"
     raise ValueError(f"the line above its values has {len(row)} fields and these have {width}; {remedy}")
 
