@@ -18,7 +18,7 @@ from pipeline.table import Table, column
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import RECORDING_COLUMNS, Rig
-from stages.science.rig.excitation import FreeMovements, RigWithLimits, check_levels
+from stages.science.rig.excitation import FreeMovements, RigWithLimits
 from stages.science.rig.trial import Proposal
 
 BANK, UNSEEN_BANK = (
@@ -32,16 +32,16 @@ BANK, UNSEEN_BANK = (
 )
 
 
-class CommandsWithinLimits(View):
-    """Every pressure level that may be drawn is one that the muscle may be commanded."""
+class BankFits(View):
+    """The bank suits machine and memory, and every pressure level that may be drawn is one that may be commanded."""
 
     bank: FreeMovements
     exoskeleton: Exoskeleton
     rig: RigWithLimits
 
     @model_validator(mode="after")
-    def _keep_limits(self) -> Self:
-        check_levels(self.bank.pressure.range_kpa, self.exoskeleton, self.rig.limits, "bank.pressure.range_kpa")
+    def _fit(self) -> Self:
+        self.bank.check_against(self.exoskeleton, "bank", self.rig.limits)
         return self
 
 
@@ -64,9 +64,8 @@ class UnseenBankFits(View):
     rig: RigWithLimits
 
     @model_validator(mode="after")
-    def _keep_limits(self) -> Self:
-        ranges = self.unseen_bank.pressure.range_kpa
-        check_levels(ranges, self.exoskeleton, self.rig.limits, "unseen_bank.pressure.range_kpa")
+    def _fit(self) -> Self:
+        self.unseen_bank.check_against(self.exoskeleton, "unseen_bank", self.rig.limits)
         if self.unseen_bank.seed == self.bank.seed:
             raise ValueError(
                 f"unseen_bank.seed: expected another seed than bank.seed, as its movements are to be new, "
@@ -78,16 +77,11 @@ class UnseenBankFits(View):
 class Config(Section):
     """What `bank` reads."""
 
-    checks: ClassVar = (CommandsWithinLimits,)
+    checks: ClassVar = (BankFits,)
 
     bank: FreeMovements
     exoskeleton: Exoskeleton
     rig: Target
-
-    @model_validator(mode="after")
-    def _fit_machine(self) -> Self:
-        self.bank.check_against(self.exoskeleton, "bank")
-        return self
 
 
 class UnseenConfig(Section):
@@ -98,11 +92,6 @@ class UnseenConfig(Section):
     unseen_bank: FreeMovements
     exoskeleton: Exoskeleton
     rig: Target
-
-    @model_validator(mode="after")
-    def _fit_machine(self) -> Self:
-        self.unseen_bank.check_against(self.exoskeleton, "unseen_bank")
-        return self
 
 
 @stage(BANK, stream="bank", extent=("bank.trajectories",))

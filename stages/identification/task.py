@@ -22,7 +22,7 @@ from stages.science.muscle_models.samples import place_evenly
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, RECORDING_COLUMNS, Rig
-from stages.science.rig.excitation import FreeMovements, RigWithLimits, check_levels
+from stages.science.rig.excitation import FreeMovements, RigWithLimits
 from stages.science.rig.trial import Proposal
 from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.scaling import MODEL_INPUTS
@@ -71,33 +71,17 @@ class Task(FreeMovements):
     region: dict[str, dict[str, Interval]]
 
 
-class LevelsWithinLimits(View):
-    """Every pressure level of the task's movements is one that the muscle may be commanded."""
-
-    task: Task
-    exoskeleton: Exoskeleton
-    rig: RigWithLimits
-
-    @model_validator(mode="after")
-    def _keep_limits(self) -> Self:
-        ranges = self.task.pressure.range_kpa
-        check_levels(ranges, self.exoskeleton, self.rig.limits, "task.pressure.range_kpa")
-        return self
-
-
-class Config(Section):
-    """What this stage reads."""
-
-    checks: ClassVar = (LevelsWithinLimits,)
+class TaskFits(View):
+    """The task's movements suit machine, limits and memory, and its region bounds inputs of muscles' models."""
 
     task: Task
     model: ModelSettings
     exoskeleton: Exoskeleton
-    rig: Target
+    rig: RigWithLimits
 
     @model_validator(mode="after")
-    def _fit_machine(self) -> Self:
-        self.task.check_against(self.exoskeleton, "task")
+    def _fit(self) -> Self:
+        self.task.check_against(self.exoskeleton, "task", self.rig.limits)
         muscles, inputs = self.exoskeleton.muscle_names, [each.column for each in self.model.features]
         for muscle, bounds in self.task.region.items():
             if muscle not in muscles:
@@ -106,6 +90,17 @@ class Config(Section):
                 if name not in inputs:
                     raise ValueError(f"task.region.{muscle}: the model has no input '{name}'; {suggest(name, inputs)}")
         return self
+
+
+class Config(Section):
+    """What this stage reads."""
+
+    checks: ClassVar = (TaskFits,)
+
+    task: Task
+    model: ModelSettings
+    exoskeleton: Exoskeleton
+    rig: Target
 
 
 @stage(TASK, TASK_MOVEMENTS, stream="task", extent=("task.trajectories",))

@@ -126,8 +126,10 @@ class FreeMovements(Declared):
             counts[name] += 1
         return self.all_kinds[name]
 
-    def check_against(self, exoskeleton: Exoskeleton, path: str) -> None:
-        """Check that the machine has these muscles, samples these levels and that memory holds its recordings.
+    def check_against(self, exoskeleton: Exoskeleton, path: str, limits: Limits | None = None) -> None:
+        """Check that the machine has these muscles, samples and permits these levels and that memory holds recordings.
+
+        `limits` are as of `check_levels`.
 
         A `ValueError` names the key, below the path of this section in the configuration.
         """
@@ -145,6 +147,7 @@ class FreeMovements(Declared):
                 f"{len(exoskeleton.muscles)} muscles, as {MOST_ROWS} rows still fit in memory, "
                 f"got {self.trajectories}; lower it, exoskeleton.trial_s or exoskeleton.sampling_rate_hz"
             )
+        check_levels(self.pressure.range_kpa, exoskeleton, limits, f"{path}.pressure.range_kpa")
 
     def record(
         self,
