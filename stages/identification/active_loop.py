@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import BaseModel, ConfigDict, Field, PositiveInt, model_validator
+from pydantic import Field, PositiveInt, model_validator
 
 from pipeline.config import Section, Target, View
 from pipeline.context import Context
@@ -173,20 +173,16 @@ DECISIONS = Table(
 Percent = Annotated[float, Field(gt=0, lt=100)]
 
 
-class Until(BaseModel):
+class Until(Section):
     """When an experiment ends before all its trials are done: of what is not null, whichever comes first."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     error_percent: Percent | None
     probability: Annotated[float, Field(gt=0, lt=1)]
     gain_percent: Percent | None
 
 
-class BendingSettings(BaseModel):
+class BendingSettings(Section):
     """How chosen movements are bent: coefficients of each joint and muscle, and bent movements that are scored."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     coefficients: Annotated[int, Field(ge=4, le=100)] | None
     evaluations: Annotated[int, Field(ge=2, le=100_000)]

@@ -174,10 +174,9 @@ def comparison(
             where = str(key[0]), int(str(key[1])), muscle
             jobs["{} experiment {} {}".format(*where)] = (*where, recorded, its_tests, its_models, its_points[key])
     rows = ctx.gather("experiments", measure_errors, jobs)
-    order = {name: position for position, name in enumerate(arms)}
     curve = pd.DataFrame(rows, columns=list(LEARNING_CURVE.columns)).sort_values(
         list(LEARNING_CURVE.key),
-        key=lambda values: values.map(order) if values.name == "arm" else values,
+        key=lambda values: pd.Categorical(values, arms) if values.name == "arm" else values,
         ignore_index=True,
     )
     kept = keep_common(curve, len(arms))

@@ -156,10 +156,9 @@ def baselines(
                 job = Job(cfg.baselines, ctx, *known, str(key[0]), int(str(key[1])), rows_of_one)
                 jobs[f"{job.participant} experiment {job.experiment} {name}"] = (job,)
     rows = ctx.gather("models", Job.run, jobs)
-    order = {name: position for position, name in enumerate(DESCRIBED)}
     curve = pd.DataFrame(rows, columns=list(BASELINE_CURVE.columns)).sort_values(
         list(BASELINE_CURVE.key),
-        key=lambda values: values.map(order) if values.name == "baseline" else values,
+        key=lambda values: pd.Categorical(values, list(DESCRIBED)) if values.name == "baseline" else values,
         ignore_index=True,
     )
     draw(ctx, ours, curve, design, muscles)

@@ -9,6 +9,7 @@ measured force. This stage only reads: it chooses and measures nothing.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from itertools import product
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -443,11 +444,9 @@ def tabulate_reliability(coverage: pd.DataFrame, muscles: Sequence[str]) -> pd.D
     of_all = frame.groupby([name for name in where if name != "muscle"]).mean(numeric_only=True).reset_index()
     rows = pd.concat([frame, of_all.assign(muscle=ALL_MUSCLES)], ignore_index=True)
     families = []
-    for arm in coverage["arm"].unique():
-        for tested_on in coverage["tested_on"].unique():
-            family = rows[(rows["arm"] == arm) & (rows["tested_on"] == tested_on)]
-            compared = compare_models(family, [ALL_MUSCLES, *muscles])
-            families.append(compared.assign(arm=arm, tested_on=tested_on))
+    for arm, tested_on in product(coverage["arm"].unique(), coverage["tested_on"].unique()):
+        family = rows[(rows["arm"] == arm) & (rows["tested_on"] == tested_on)]
+        families.append(compare_models(family, [ALL_MUSCLES, *muscles]).assign(arm=arm, tested_on=tested_on))
     return pd.concat(families, ignore_index=True)[list(RELIABILITY.columns)]
 
 

@@ -24,7 +24,7 @@ from stages.science.signals.measures import error_rate
 from stages.science.signals.scaling import Array, Scaling
 from stages.science.statistics.equivalence import judge_paired_equivalence
 from stages.science.statistics.paired import compare_pairs
-from stages.science.statistics.verdicts import LEVEL, judge_with_equivalence
+from stages.science.statistics.verdicts import LEVEL, judge_with_equivalence, list_verdicts
 
 KEEPING, CHOOSING = "keeping all samples", "choosing by utility"
 
@@ -73,14 +73,7 @@ SPARSE_COMPARISON = Table(
         "verdict": column(
             str,
             f"better at p_holm below {LEVEL}, equivalent at p_tost below {LEVEL}, both, or neither",
-            among=[
-                "first better",
-                "second better",
-                "equivalent",
-                "first better within the margin",
-                "second better within the margin",
-                "undecided",
-            ],
+            among=list_verdicts("first better", "second better"),
         ),
     },
     key=("tested_on", "question", "measure", "first", "second"),

@@ -27,7 +27,7 @@ from stages.science.muscle_models.samples import list_tests
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.statistics.equivalence import judge_paired_equivalence
 from stages.science.statistics.paired import compare_pairs
-from stages.science.statistics.verdicts import LEVEL, judge_with_equivalence
+from stages.science.statistics.verdicts import LEVEL, judge_with_equivalence, list_verdicts
 
 NO_SHIFT = 0.0
 
@@ -72,14 +72,7 @@ SHIFT_COMPARISON = Table(
         "verdict": column(
             str,
             f"worse or better at p_holm below {LEVEL}, equivalent at p_tost below {LEVEL}, within the margin = both",
-            among=[
-                "worse with shift",
-                "better with shift",
-                "equivalent",
-                "worse within the margin",
-                "better within the margin",
-                "undecided",
-            ],
+            among=list_verdicts("worse", "better", " with shift"),
         ),
     },
     key=("amplitude_s", "tested_on", "measure"),

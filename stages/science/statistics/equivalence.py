@@ -70,12 +70,10 @@ def judge_equivalence(first: Array, second: Array, margin: float) -> Equivalence
     of average bioavailability, J. Pharmacokinet. Biopharm. 15 (1987); degrees of freedom by Welch and Satterthwaite.
     """
     moments = scale_groups(first, second)
-
-    def power_at(scaled: float, n_first: int, n_second: int) -> float:
-        return power_of_equivalence(scaled, *moments.sd, n_first, n_second)
-
     found = moments.difference, moments.error, moments.degrees_of_freedom
-    return _judge(margin, moments.exponent, *found, moments.n, power_at)
+    return _judge(
+        margin, moments.exponent, *found, moments.n, lambda scaled, *n: power_of_equivalence(scaled, *moments.sd, *n)
+    )
 
 
 def judge_paired_equivalence(first: Array, second: Array, margin: float) -> Equivalence:
@@ -101,11 +99,8 @@ def judge_paired_equivalence(first: Array, second: Array, margin: float) -> Equi
     if n > 1 and np.ptp(difference) > ROUNDING:
         sd = float(difference.std(ddof=1))
         error = sd / np.sqrt(n)
-
-    def power_at(scaled: float, n_first: int, _: int) -> float:
-        return power_of_paired_equivalence(scaled, sd, n_first)
-
-    return _judge(margin, exponent, float(difference.mean()), error, n - 1.0, (n, n), power_at)
+    found = float(difference.mean()), error, n - 1.0
+    return _judge(margin, exponent, *found, (n, n), lambda scaled, n, _: power_of_paired_equivalence(scaled, sd, n))
 
 
 def _judge(

@@ -18,6 +18,12 @@ def judge_differences(family: pd.DataFrame, p: str, negative: str, positive: str
     return family.assign(p_holm=adjusted, verdict=np.where(adjusted < LEVEL, found, "undecided"))
 
 
+def list_verdicts(negative: str, positive: str, ending: str = "") -> list[str]:
+    """Return every verdict of `judge_with_equivalence` with these words."""
+    within = [f"{each} within the margin" for each in (negative, positive)]
+    return [negative + ending, positive + ending, "equivalent", *within, "undecided"]
+
+
 def judge_with_equivalence(
     family: pd.DataFrame, p: str, negative: str, positive: str, ending: str = "", equivalent: str = "equivalent"
 ) -> pd.DataFrame:
