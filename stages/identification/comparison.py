@@ -22,10 +22,10 @@ from stages.science.figures.learning_curves import MOST_BARS, draw_learning_curv
 from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, ENDED, average_muscles, carry_forward
 from stages.science.muscle_models.inputs import ModelSettings
-from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.muscle_models.muscle_set import ExperimentModels, RecordedModels
 from stages.science.muscle_models.samples import gather_tests, keep_wanted
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import Array, Scaling
+from stages.science.signals.scaling import Array
 from stages.science.statistics.paired import compare_pairs
 from stages.science.statistics.verdicts import LEVEL, judge_differences
 
@@ -162,18 +162,13 @@ def comparison(
     muscles, arms = list(hyperprior["muscle"].unique()), list(models["arm"].unique())
     given = {"bank": bank, "unseen_bank": unseen_bank, "task": task_movements}
     tests = {name: keep_wanted(each) for name, each in gather_tests(cfg.model, given).items()}
-    jobs, who = {}, ["participant", "experiment"]
-    for muscle in muscles:
-        recorded = RecordedModels.read(hyperprior, scaling, muscle)
-        its_tests = {}
-        for name, frame in tests.items():
-            its = frame[frame["muscle"] == muscle]
-            its_tests[name] = (recorded.scaling.inputs_of(its), its["force_n"].to_numpy())
-        its_points: dict[Any, pd.DataFrame] = dict(list(points[points["muscle"] == muscle].groupby(who, sort=False)))
-        for key, its_models in models[models["muscle"] == muscle].groupby(who, sort=False):
-            where = str(key[0]), int(str(key[1])), muscle
-            jobs["{} experiment {} {}".format(*where)] = (*where, recorded, its_tests, its_models, its_points[key])
-    rows = ctx.gather("experiments", measure_errors, jobs)
+    recorded = {name: RecordedModels.read(hyperprior, scaling, name) for name in muscles}
+    tests_of: dict[str, dict[str, tuple[Array, Array]]] = {name: {} for name in muscles}
+    for muscle, (name, frame) in product(muscles, tests.items()):
+        its = frame[frame["muscle"] == muscle]
+        tests_of[muscle][name] = recorded[muscle].scaling.inputs_of(its), its["force_n"].to_numpy()
+    learned = ExperimentModels.split(recorded, models, points)
+    rows = ctx.gather("experiments", measure_errors, {note: (it, tests_of[it.muscle]) for note, it in learned.items()})
     curve = pd.DataFrame(rows, columns=list(LEARNING_CURVE.columns)).sort_values(
         list(LEARNING_CURVE.key),
         key=lambda values: pd.Categorical(values, arms) if values.name == "arm" else values,
@@ -218,34 +213,15 @@ def comparison(
     )
 
 
-def measure_errors(
-    participant: str,
-    experiment: int,
-    muscle: str,
-    recorded: RecordedModels,
-    tests: Mapping[str, tuple[Array, Array]],
-    models: pd.DataFrame,
-    points: pd.DataFrame,
-) -> list[tuple[Any, ...]]:
+def measure_errors(learned: ExperimentModels, tests: Mapping[str, tuple[Array, Array]]) -> list[tuple[Any, ...]]:
     """Return the rows of `learning_curve` of one muscle in one experiment, in all arms and after all trials."""
-    points_of: dict[Any, pd.DataFrame] = dict(list(points.groupby("arm", sort=False)))
-    found: dict[bytes, list[tuple[Any, ...]]] = {}
-    rows: list[tuple[Any, ...]] = []
-    for (arm, trial), model in models.groupby(["arm", "trial"], sort=False):
-        gp = recorded.rebuild(model, points_of[arm])
-        if gp.identity not in found:  # arms share the model of the initial data
-            found[gp.identity] = list(measure_forces(gp, muscle, recorded.scaling, tests))
-        rows += [(participant, experiment, arm, trial, *told) for told in found[gp.identity]]
-    return rows
 
+    def tell(gp: MarginalGP) -> Iterator[tuple[Any, ...]]:
+        for tested_on, (inputs, force_n) in tests.items():
+            rate = error_rate(learned.recorded.scaling.restore_force(gp.predict_mean(inputs)), force_n)
+            yield tested_on, learned.muscle, rate * float(force_n.max()), rate
 
-def measure_forces(
-    gp: MarginalGP, muscle: str, scaling: Scaling, tests: Mapping[str, tuple[Array, Array]]
-) -> Iterator[tuple[Any, ...]]:
-    """Yield the rows of `learning_curve` of one model, from the test set on."""
-    for tested_on, (inputs, force_n) in tests.items():
-        rate = error_rate(scaling.restore_force(gp.predict_mean(inputs)), force_n)
-        yield tested_on, muscle, rate * float(force_n.max()), rate
+    return learned.measure(tell)
 
 
 def keep_common(curve: pd.DataFrame, arms: int) -> pd.DataFrame:

@@ -225,8 +225,7 @@ def replay_experiment(
             values = zip(muscles.hyperparameters, prior.mean, prior.variance, strict=True)
             set_out += [(*where, name, *each) for each in values]
         initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False)
-        design, first = loop.design(muscles.mean), [int(each) for each in initial]
-        known = list(replay.run(design, priors, first, loop.initial_points, loop.trials, generator))
+        known = list(replay.run(loop, priors, initial.tolist(), generator))
         for test in tests:
             before, after = (test.error_rates(each.models) for each in (known[0], known[-1]))
             errors += [(*where, test.name, *each) for each in zip(muscles.names, before, after, strict=True)]

@@ -9,6 +9,7 @@ measured force. This stage only reads: it chooses and measures nothing.
 from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
 from itertools import product
 from typing import Annotated, Any, ClassVar, Self
 
@@ -26,7 +27,7 @@ from stages.science.figures.learned_models import draw_force_surfaces, draw_freq
 from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES
 from stages.science.muscle_models.inputs import MeasuredInputs
-from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.muscle_models.muscle_set import ExperimentModels, RecordedModels
 from stages.science.muscle_models.samples import list_tests
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
@@ -366,46 +367,25 @@ def gather(
     models: pd.DataFrame,
     points: pd.DataFrame,
     section: ReliabilitySettings,
-) -> dict[str, tuple[Any, ...]]:
+) -> dict[str, tuple[ExperimentModels, dict[str, pd.DataFrame]]]:
     """Return what `measure_coverage` takes, of every muscle in the first experiments, by a note of which it is.
 
     The models are those after trials 0, the middle and the last.
     """
-    jobs = {}
     last = int(models["trial"].max())
     chosen = models[(models["experiment"] <= section.experiments) & models["trial"].isin([0, last // 2, last])]
-    who = ["participant", "experiment"]
-    for muscle, its in recorded.items():
-        measured = {name: frame[frame["muscle"] == muscle] for name, frame in tests.items()}
-        its_tests = {
-            name: rows[rows.groupby("trajectory").cumcount() % section.every == 0] for name, rows in measured.items()
-        }
-        its_points: dict[Any, pd.DataFrame] = dict(list(points[points["muscle"] == muscle].groupby(who, sort=False)))
-        for key, its_models in chosen[chosen["muscle"] == muscle].groupby(who, sort=False):
-            where = str(key[0]), int(str(key[1])), muscle
-            jobs["{} experiment {} {}".format(*where)] = (*where, its, its_tests, its_models, its_points[key])
-    return jobs
+    thinned = {
+        name: frame[frame.groupby(["muscle", "trajectory"]).cumcount() % section.every == 0]
+        for name, frame in tests.items()
+    }
+    tests_of = {muscle: {name: rows[rows["muscle"] == muscle] for name, rows in thinned.items()} for muscle in recorded}
+    learned = ExperimentModels.split(recorded, chosen, points)
+    return {note: (its, tests_of[its.muscle]) for note, its in learned.items()}
 
 
-def measure_coverage(
-    participant: str,
-    experiment: int,
-    muscle: str,
-    recorded: RecordedModels,
-    tests: Mapping[str, pd.DataFrame],
-    models: pd.DataFrame,
-    points: pd.DataFrame,
-) -> list[tuple[Any, ...]]:
+def measure_coverage(learned: ExperimentModels, tests: Mapping[str, pd.DataFrame]) -> list[tuple[Any, ...]]:
     """Return the rows of `coverage` of one muscle in one experiment, of all arms."""
-    points_of: dict[Any, pd.DataFrame] = dict(list(points.groupby("arm", sort=False)))
-    found: dict[bytes, list[tuple[Any, ...]]] = {}
-    rows: list[tuple[Any, ...]] = []
-    for (arm, trial), model in models.groupby(["arm", "trial"], sort=False):
-        gp = recorded.rebuild(model, points_of[arm])
-        if gp.identity not in found:  # arms share the model of the initial data
-            found[gp.identity] = list(cover_forces(gp, muscle, recorded.scaling, tests))
-        rows += [(participant, experiment, arm, trial, *told) for told in found[gp.identity]]
-    return rows
+    return learned.measure(partial(cover_forces, muscle=learned.muscle, scaling=learned.recorded.scaling, tests=tests))
 
 
 def cover_forces(

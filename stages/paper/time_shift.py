@@ -161,12 +161,10 @@ def replay_experiment(
     """Replay one experiment without shift and with each."""
     generator = partial(ctx.generator, "experiment", experiment)
     muscles, loop = replay.muscles, section.loop
-    initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False)
+    initial = generator("initial").choice(len(muscles.trajectories), loop.initial_trials, replace=False).tolist()
     rows: list[tuple[Any, ...]] = []
     for amplitude_s in (NO_SHIFT, *section.amplitudes_s):
-        design, first = loop.design(muscles.mean), [int(each) for each in initial]
-        known = replay.run(design, muscles.priors, first, loop.initial_points, loop.trials, generator, amplitude_s)
-        for trial, interaction in enumerate(known):
+        for trial, interaction in enumerate(replay.run(loop, muscles.priors, initial, generator, amplitude_s)):
             for test in tests:
                 rates = test.error_rates(interaction.models)
                 rows += [

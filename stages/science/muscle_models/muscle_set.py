@@ -5,8 +5,9 @@ Rows of the tables flow in; arrays by muscle, in the order of the hyperprior, an
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
 import pandas as pd
 
@@ -16,6 +17,7 @@ from stages.science.gp.marginal import MarginalGP, condition
 from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
 
 CONSTANT_MEAN = "constant_mean"
+WHO = ["participant", "experiment"]
 
 
 @dataclass(frozen=True)
@@ -138,6 +140,43 @@ class RecordedModels:
         known = points[points["trial"] <= trials[0]]
         inputs, force = self.scaling.inputs_of(known), self.scaling.output_of(known)
         return condition(inputs, force, model["value"].to_numpy(), self.prior, mean=self.mean)
+
+
+@dataclass(frozen=True, eq=False)
+class ExperimentModels:
+    """All models of a muscle in one experiment, as a loop recorded them: their rows of `models` and `points`."""
+
+    participant: str
+    experiment: int
+    muscle: str
+    recorded: RecordedModels
+    models: pd.DataFrame
+    points: pd.DataFrame
+
+    @classmethod
+    def split(
+        cls, recorded: Mapping[str, RecordedModels], models: pd.DataFrame, points: pd.DataFrame
+    ) -> dict[str, ExperimentModels]:
+        """Return the models of every muscle in every experiment, by a note of which they are."""
+        found = {}
+        for muscle, its in recorded.items():
+            its_points = dict[Any, pd.DataFrame](list(points[points["muscle"] == muscle].groupby(WHO, sort=False)))
+            for key, its_models in models[models["muscle"] == muscle].groupby(WHO, sort=False):
+                where = str(key[0]), int(str(key[1])), muscle
+                found["{} experiment {} {}".format(*where)] = cls(*where, its, its_models, its_points[key])
+        return found
+
+    def measure(self, tell: Callable[[MarginalGP], Iterable[tuple[Any, ...]]]) -> list[tuple[Any, ...]]:
+        """Return participant, experiment, arm, trial and a row of what is told of a model, for all arms and trials."""
+        points_of = dict[Any, pd.DataFrame](list(self.points.groupby("arm", sort=False)))
+        found: dict[bytes, list[tuple[Any, ...]]] = {}
+        rows: list[tuple[Any, ...]] = []
+        for (arm, trial), model in self.models.groupby(["arm", "trial"], sort=False):
+            gp = self.recorded.rebuild(model, points_of[arm])
+            if gp.identity not in found:  # arms share the model of the initial data
+                found[gp.identity] = list(tell(gp))
+            rows += [(self.participant, self.experiment, arm, trial, *told) for told in found[gp.identity]]
+        return rows
 
 
 def _read_prior(rows: pd.DataFrame) -> Hyperprior:

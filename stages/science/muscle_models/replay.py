@@ -1,8 +1,8 @@
 """Algorithm 1 over recorded trials: the bank's own recording of a movement stands for its execution, and no rig is run.
 
-The muscles, a `Design` and the bank's recordings flow in; out flows what is known after each trial, an `Interaction`
-with every muscle's data and hyperparameters. A time shift takes other samples than the most informative ones, as if the
-person had been early or late (paper, section 5.3).
+The muscles, a loop's settings and the bank's recordings flow in; out flows what is known after each trial, an
+`Interaction` with every muscle's data and hyperparameters. A time shift takes other samples than the most informative
+ones, as if the person had been early or late (paper, section 5.3).
 """
 
 from __future__ import annotations
@@ -14,7 +14,8 @@ import numpy as np
 import pandas as pd
 
 from stages.science.gp.hyperprior import Hyperprior
-from stages.science.gp.interaction import Design, Interaction
+from stages.science.gp.interaction import Interaction
+from stages.science.muscle_models.loop_settings import LoopSettings
 from stages.science.muscle_models.muscle_set import MuscleSet
 from stages.science.muscle_models.samples import place_evenly
 from stages.science.signals.scaling import Array
@@ -86,11 +87,9 @@ class Replay:
 
     def run(
         self,
-        design: Design,
+        loop: LoopSettings,
         priors: Sequence[Hyperprior],
         initial: Sequence[int],
-        points: int,
-        trials: int,
         generator: Draw,
         amplitude_s: float = 0.0,
     ) -> Iterator[Interaction]:
@@ -98,13 +97,11 @@ class Replay:
 
         Parameters
         ----------
-        design, priors
-            How to choose; Table 1 of each muscle, or another.
+        loop, priors
+            How to choose, and how often; Table 1 of each muscle, or another.
         initial : sequence of int
-            Positions in the bank of the trials that the initial data come from; none of them is chosen again unless the
-            design allows it.
-        points, trials : int
-            Initial data of each muscle, evenly spread over those trials; how many are chosen then.
+            Positions in the bank of the trials that the initial data come from, evenly spread over them; none of them
+            is chosen again unless the loop allows it.
         generator : callable
             Called with ``starts``, the trial and the muscle; ``random`` and the trial; ``shift``, the trial, the
             muscle and the number of the pick. What is equal for these is random alike, whatever the amplitude.
@@ -127,12 +124,13 @@ class Replay:
         inputs, outputs = [], []
         for x, y in zip(self.inputs, self.outputs, strict=True):
             executed = np.concatenate([x[each] for each in initial])
-            at = place_evenly(points, len(executed))
+            at = place_evenly(loop.initial_points, len(executed))
             inputs.append(executed[at])
             outputs.append(np.concatenate([y[each] for each in initial])[at])
+        design = loop.design(self.muscles.mean)
         known = Interaction.begin(design, self.muscles.candidates, priors, inputs, outputs, initial, starts(0))
         yield known
-        for trial in range(1, trials + 1):
+        for trial in range(1, loop.trials + 1):
             chosen = known.ask(generator("random", trial), score_all=False).trajectory
             recorded = [each[chosen] for each in self.inputs], [each[chosen] for each in self.outputs]
             ways = [shift(trial, name) for name in self.muscles.names] if amplitude_s else None

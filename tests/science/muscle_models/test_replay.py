@@ -32,9 +32,7 @@ def replay(tables):
 
 def run(replay, amplitude_s=0.0, **choices):
     settings = LoopSettings(**{**LOOP, **choices})
-    design, priors = settings.design("zero"), replay.muscles.priors
-    points, trials = settings.initial_points, settings.trials
-    return list(replay.run(design, priors, INITIAL, points, trials, draw, amplitude_s))
+    return list(replay.run(settings, replay.muscles.priors, INITIAL, draw, amplitude_s))
 
 
 def standardised(tables, muscle, trajectory):
