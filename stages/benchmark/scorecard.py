@@ -177,7 +177,9 @@ def scorecard(
     sessions = pd.DataFrame(scored, columns=list(SCORECARD_SESSIONS.columns))
     said = list_said(blind_truth, blind_named, section)
     rows = [*_list_rates(sessions, section), _rate_calibration(said, section, ctx.generator("names"))]
-    rates = pd.DataFrame([{**each, "met": _is_met(each)} for each in rows], columns=list(SCORECARD.columns))
+    rates = pd.DataFrame(rows, columns=list(SCORECARD.columns))
+    reached = np.where(rates["at_most"], rates["value"] <= rates["target"], rates["value"] >= rates["target"])
+    rates["met"] = (rates["n"] == 0) | reached
     reliability = pd.DataFrame(_tabulate_reliability(said, section), columns=list(RELIABILITY.columns))
     level = f"{section.level:.0%}"
     told = f"Each share with its {level} interval, and the target; faults, which should stay below, are open."
@@ -262,11 +264,6 @@ def _bound(measure: str, judged: pd.Series, target: float, at_most: bool, size: 
     value, low, high = told(np.asarray(values), level)
     row = {"measure": measure, "magnitude": size, "target": target, "at_most": at_most}
     return {**row, "n": len(values), "value": value, "low": low, "high": high}
-
-
-def _is_met(row: dict[str, Any]) -> bool:
-    """Return whether a row reaches its target, or has no sessions."""
-    return bool(row["n"] == 0 or (row["value"] <= row["target"] if row["at_most"] else row["value"] >= row["target"]))
 
 
 def _list_cells(sessions: pd.DataFrame) -> list[dict[str, Any]]:

@@ -78,16 +78,14 @@ def unblinding(
     }
 
 
-def _compare(truth: Mapping[str, Any], said: pd.DataFrame, channels: pd.DataFrame) -> list[dict[str, Any]]:
+def _compare(truth: Mapping[str, Any], said: pd.DataFrame, channels: pd.DataFrame) -> list[tuple[Any, ...]]:
     hidden, gaps, rows = truth["effects"], truth["gap_over_floor"], []
     for row in channels.to_dict("records"):
         channel, muscle = str(row["channel"]), str(row["muscle"])
         true = [each["name"] for each in hidden if each["channel"] == channel and muscle in each["muscles"]]
         here = said[(said["channel"] == channel) & (said["muscle"] == muscle)]["name"]
-        named = {"muscle": muscle, "channel": channel, "hidden": "+".join(true), "named": "+".join(here)}
-        found = {"found_gap_over_floor": float(row["gap_over_floor"])}
-        told = {"hidden_gap_over_floor": float(gaps[channel][muscle]), **found}
-        rows.append({**named, "right": set(true) == set(here), **told})
+        names = "+".join(true), "+".join(here), set(true) == set(here)
+        rows.append((muscle, channel, *names, float(gaps[channel][muscle]), float(row["gap_over_floor"])))
     return rows
 
 

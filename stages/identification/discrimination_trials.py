@@ -132,11 +132,8 @@ def discrimination_trials(
     if cfg.next_trials:
         with ctx.device as rig, ctx.progress("trials that tell names apart", cfg.next_trials) as advance:
             for number in range(1, cfg.next_trials + 1):
-                known = (
-                    hardware_recordings,
-                    active_recordings,
-                    [each[DISCRIMINATION_RECORDINGS.name] for each in landed],
-                )
+                further = [each[DISCRIMINATION_RECORDINGS.name] for each in landed]
+                known = hardware_recordings, active_recordings, further
                 choose = cache(partial(choose_trial, cfg, *known, number, rig, ctx))
                 make = partial(execute, cfg, choose, number, rig, ctx)
                 try:

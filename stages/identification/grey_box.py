@@ -29,7 +29,7 @@ from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, TEST_WORDS, add_average
 from stages.science.muscle_models.grey_box import GreyBox, Interval, leave_residual, predict_interval
 from stages.science.muscle_models.inputs import ModelSettings
-from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.muscle_models.muscle_set import WHO, RecordedModels
 from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points, thin
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.measured_motion import simulate_force
@@ -51,7 +51,6 @@ DESCRIBED = {
     GREY_BOX: "of what the amended plant leaves, on the same points",
 }
 PLANTS = (NOMINAL, AMENDED)
-WHO = ["participant", "experiment"]
 
 EXPERIMENT = {
     "participant": column(str, "who tracked"),
@@ -341,10 +340,9 @@ def amend_by_steps(
 ) -> dict[str, Plant]:
     """Return the plant without learned maps as it was amended before each trial that tells names apart, and at last."""
     earlier = [] if values is None else [rows for _, rows in values.groupby("trial")]
-    steps = [*earlier, last]
     return {
         f"{AMENDED}_{number}": Plant.model_validate(amend_plant(plant, rows, [], channels, muscles))
-        for number, rows in enumerate(steps)
+        for number, rows in enumerate([*earlier, last])
     }
 
 
@@ -464,10 +462,6 @@ def summarise(errors: pd.DataFrame, coverage: pd.DataFrame, models: pd.DataFrame
     covered = shares.groupby([*keys, "rung"], sort=False)["share"].mean().unstack("rung")
     stood_on = pd.concat([models, models.assign(muscle=ALL_MUSCLES)]).groupby("muscle")["points"].mean()
     order = [(test, name) for test in errors["tested_on"].unique() for name in errors["muscle"].unique()]
-    told = rates.loc[order].assign(
-        process_covered=covered[PROCESS],
-        grey_box_covered=covered[GREY_BOX],
-        experiments=errors.groupby(WHO).ngroups,
-    )
-    told = told.reset_index()
+    told = rates.loc[order].assign(process_covered=covered[PROCESS], grey_box_covered=covered[GREY_BOX])
+    told = told.assign(experiments=errors.groupby(WHO).ngroups).reset_index()
     return told.assign(points=told["muscle"].map(stood_on))[list(GREY_BOX_SUMMARY.columns)]

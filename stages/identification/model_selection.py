@@ -8,9 +8,8 @@ evaluation alone reads. Out: `selected_inputs`, `selected_constants`, `models_tr
 
 from collections.abc import Mapping
 from dataclasses import replace
-from typing import Annotated
+from typing import Annotated, Any
 
-import numpy as np
 import pandas as pd
 from numpy.typing import NDArray
 from pydantic import Field, NonNegativeFloat, PositiveFloat, PositiveInt
@@ -32,13 +31,12 @@ from stages.science.muscle_models.model_selection import (
     Selected,
     select_model,
 )
-from stages.science.muscle_models.muscle_set import RecordedModels
+from stages.science.muscle_models.muscle_set import WHO, RecordedModels
 from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points
 from stages.science.signals.executed_trials import join_executed
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Array
+from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 
-WHO = ["participant", "experiment"]
 SIGNALS = ["muscle", "time_s", *MODEL_INPUTS]
 SELECTED_INPUTS = Table(
     "selected_inputs",
@@ -142,11 +140,12 @@ def model_selection(
     )
     executed = join_executed(initial, designed)
     placed = locate_points(own, initial, designed, {"row": executed.index.to_numpy()})
-    rows, few = (list_rows(each) for each in (placed, placed[placed["pick"] < settings.points_per_trial]))
+    rows, few = (split(each, "row") for each in (placed, placed[placed["pick"] < settings.points_per_trial]))
     recorded = {str(name): RecordedModels.read(hyperprior, scaling, name) for name in hyperprior["muscle"].unique()}
     length = settings.log_length_mean, settings.log_length_variance
     along, trials = bank[["trajectory", *SIGNALS]], executed[["trial", *SIGNALS, MODEL_OUTPUT]]
-    last = list_last_models(models[models["arm"] == points["arm"].iloc[0]])
+    chosen = models[models["arm"] == points["arm"].iloc[0]]
+    last = split(chosen[chosen["trial"] == chosen.groupby(WHO)["trial"].transform("max")], "value")
     evidence = Evidence(cfg.model, along, candidates["time_s"].unique(), trials, few, recorded, length, last)
     search = settings.spread_octaves, sorted(settings.steps_octaves, reverse=True), ctx.generator("starts")
     with ctx.progress("choices of inputs and constants", 4 * len(FEATURES)) as advance:
@@ -181,17 +180,10 @@ def model_selection(
     return {**told, **{name: pd.DataFrame({"sentence": each}, dtype=object) for name, each in said.items()}}
 
 
-def list_last_models(models: pd.DataFrame) -> dict[Key, Array]:
-    """Return the hyperparameters of each model after the last trial of its experiment."""
-    last = models[models["trial"] == models.groupby(WHO)["trial"].transform("max")]
-    keyed = last.groupby([*WHO, "muscle"], sort=False)["value"]
+def split(frame: pd.DataFrame, column: str) -> dict[Key, NDArray[Any]]:
+    """Return the values of a column that belong to each model."""
+    keyed = frame.groupby([*WHO, "muscle"], sort=False)[column]
     return {(str(key[0]), int(str(key[1])), str(key[2])): its.to_numpy() for key, its in keyed}
-
-
-def list_rows(placed: pd.DataFrame) -> dict[Key, NDArray[np.intp]]:
-    """Return where the points of each model are among the executed trials."""
-    keyed = placed.groupby([*WHO, "muscle"], sort=False)
-    return {(str(key[0]), int(str(key[1])), str(key[2])): its["row"].to_numpy() for key, its in keyed}
 
 
 def tabulate_inputs(found: Selected) -> pd.DataFrame:

@@ -368,18 +368,16 @@ class Experiment:
         kept = thin(self.keep_latest(its[SPARSE_RECORDINGS.name]), section.every, [])
         trajectory = self.muscles.indices(self.keep_latest(its[SPARSE_TRIALS.name])["trajectory"].tolist())[0]
         recorded = self.muscles.standardise(kept)
-        told = partial(known.tell, trajectory, *recorded)
         inputs = [np.concatenate(each) for each in zip(known.inputs, recorded[0], strict=True)]
         outputs = [np.concatenate(each) for each in zip(known.outputs, recorded[1], strict=True)]
-        samples = len(outputs[0])
-        at = np.linspace(0, samples - 1, section.pseudo_inputs).astype(int)
+        at = np.linspace(0, len(outputs[0]) - 1, section.pseudo_inputs).astype(int)
         utility = "y_y" if arm == "random" else arm
 
         def score(models: Sequence[MarginalModel]) -> object:
             return trajectory_utility(models, known.candidates, utility, section.reduce, section.memory_mb)
 
         def iterate() -> object:
-            return score(told(self.starts(section.trials)).models)
+            return score(known.tell(trajectory, *recorded, self.starts(section.trials)).models)
 
         def iterate_exactly() -> object:
             generators, starts = self.starts(section.trials), section.exact_starts
@@ -388,6 +386,6 @@ class Experiment:
             return score(fitted)
 
         return {
-            "sparse": {"samples": float(samples), **measure_cost(iterate)},
+            "sparse": {"samples": float(len(outputs[0])), **measure_cost(iterate)},
             "exact": {"samples": float(at.size), **measure_cost(iterate_exactly)},
         }
