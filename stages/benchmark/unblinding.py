@@ -64,7 +64,7 @@ def unblinding(
     named = named_effects["order"].max() if len(named_effects) else 0
     after, *learned = driven["gap"].iloc[named:-1]
     mended = f", and to {100 * learned[0]:.2g} % with learned maps, which have no name" if learned else ""
-    names = " and ".join(f"{_in_words(each['name'])} on {', '.join(each['muscles'])}" for each in hidden)
+    names = " and ".join(f"{each['name'].replace('_', ' ')} on {', '.join(each['muscles'])}" for each in hidden)
     told = f"{names} ({recorded.truth['scenario']['magnitude']})" if hidden else "nothing"
     outcome = [
         f"{_describe_named(named_effects, hidden, left=left)} Hidden was {told}, "
@@ -98,7 +98,7 @@ def _describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, 
     if first.empty:
         return f"Nothing was named, which is {'wrong' if true else 'right'}."
     said_so = zip(first["name"], first["probability"], strict=True)
-    names = " and ".join(f"{_in_words(name)} (probability {say_sure(p)})" for name, p in said_so)
+    names = " and ".join(f"{name.replace('_', ' ')} (probability {say_sure(p)})" for name, p in said_so)
     like = set(str(first["indistinguishable_from"].iloc[0]).split(","))
     if set(first["name"]) == true:
         verdict = "right"
@@ -107,7 +107,3 @@ def _describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, 
     else:
         verdict = "not the truth, which was told not to be excluded" if like & true else "wrong"
     return f"Named was {names}, which is {verdict}."
-
-
-def _in_words(name: object) -> str:
-    return str(name).replace("_", " ")

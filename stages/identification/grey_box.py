@@ -27,7 +27,7 @@ from stages.science.figures.grey_box import draw_rungs
 from stages.science.gp.expected_error import scale_intervals
 from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, TEST_WORDS, add_average
-from stages.science.muscle_models.grey_box import GreyBox, Interval, leave_residual, predict_interval
+from stages.science.muscle_models.grey_box import GreyBox, leave_residual, predict_interval
 from stages.science.muscle_models.inputs import ModelSettings
 from stages.science.muscle_models.muscle_set import WHO, RecordedModels
 from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points, thin
@@ -325,10 +325,8 @@ def describe_rungs(summary: pd.DataFrame, tests: Sequence[str]) -> list[str]:
         f"{rates[AMENDED]}, the plant as it was before the search by {rates[NOMINAL]}."
     ]
     where = [f"{100 * row[GREY_BOX]:.2g} % on {TEST_WORDS[row['tested_on']]}" for row in others]
-    held = [f"{100 * row['grey_box_covered']:.0f} %" for row in (first, *others)]
-    held[0] += " of the measured forces"
-    places = [TEST_WORDS[row["tested_on"]] for row in (first, *others)]
-    covered = ", ".join(f"{share} on {place}" for share, place in zip(held, places, strict=True))
+    held = [f"{100 * row['grey_box_covered']:.0f} % on {TEST_WORDS[row['tested_on']]}" for row in (first, *others)]
+    covered = ", ".join(held).replace("%", "% of the measured forces", 1)
     told += [f"They err by {' and by '.join(where)}."] if where else []
     if all(row[AMENDED] > row[NOMINAL] for row in rows):
         told.append("The amended plant errs more than the plant before the search: keep that until more trials tell.")
@@ -425,25 +423,19 @@ def judge_muscle(
             told.append((GREY_BOX_ERRORS.name, (*who, tested_on, muscle, rung, rate)))
         some = slice(None, None, settings.every)
         inputs, plant_n = test.inputs[some], test.plants_n[AMENDED][some]
-        for rung, interval in (
+        for rung, (mean_n, half_n) in (
             (PROCESS, predict_interval(process, scaling, inputs, QUANTILE * factors[PROCESS])),
             (GREY_BOX, grey.predict_interval(inputs, plant_n, QUANTILE * factors[GREY_BOX])),
         ):
-            covered = count_covered(interval, factors[rung], test.force_n[some], test.trajectories[some])
-            told.append((GREY_BOX_COVERAGE.name, (*who, tested_on, muscle, rung, *covered)))
+            covered = cover_blocks(test.force_n[some], mean_n - half_n, mean_n + half_n, test.trajectories[some])
+            widths = float(half_n.mean()), factors[rung], judge_coverage(covered)
+            told.append((GREY_BOX_COVERAGE.name, (*who, tested_on, muscle, rung, *vars(covered).values(), *widths)))
     residual = grey.residual
     columns = residual.theta, np.sqrt(np.diag(residual.laplace.covariance))
     for name, value, sd in zip(designed.model["hyperparameter"], *columns, strict=True):
         row = (*who, muscle, name, float(value), float(sd), residual.log_posterior, len(points), residual.repair)
         told.append((GREY_BOX_MODELS.name, row))
     return told
-
-
-def count_covered(interval: Interval, factor: float, force_n: Array, trajectories: Array) -> tuple[Any, ...]:
-    """Return samples, movements, the share within intervals, the ends of its own, half width (N), factor, a verdict."""
-    mean_n, half_n = interval
-    covered = cover_blocks(force_n, mean_n - half_n, mean_n + half_n, trajectories)
-    return (*vars(covered).values(), float(half_n.mean()), factor, judge_coverage(covered))
 
 
 def judge_coverage(covered: Coverage) -> str:

@@ -23,6 +23,7 @@ from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.rig.attendance import until_kept
 from stages.science.rig.contract import MEASUREMENT_COLUMNS, RECORDING_COLUMNS, Rig
 from stages.science.rig.excitation import FreeMovements, RigWithLimits
+from stages.science.rig.limits import ordered
 from stages.science.rig.trial import Proposal
 from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.scaling import MODEL_INPUTS
@@ -56,11 +57,7 @@ class Interval(Section):
     low: float
     high: float
 
-    @model_validator(mode="after")
-    def _order(self) -> Self:
-        if self.low > self.high:
-            raise ValueError(f"expected low <= high, got {self.low} and {self.high}; exchange them")
-        return self
+    _order = ordered("low", "high", strictly=False)
 
 
 class Task(FreeMovements):

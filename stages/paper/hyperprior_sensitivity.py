@@ -187,12 +187,8 @@ def hyperprior_sensitivity(
     replay = partial(replay_experiment, section, ctx, Replay.read(muscles, banks["bank"]), tests)
     jobs = {f"experiment {each}": (each,) for each in range(1, section.experiments + 1)}
     tables = ctx.land_each("experiments", replay, jobs)
-    rank = {each: position for position, each in enumerate(section.settings)}
-    priors, errors = (
-        tables[table.name]
-        .assign(rank=lambda rows: [rank[each] for each in zip(rows["kind"], rows["setting"], strict=True)])
-        .sort_values(["rank", "experiment"], kind="stable", ignore_index=True)
-        .drop(columns="rank")
+    priors, errors = (  # setting by setting; parts are those of experiments
+        pd.concat([rows for _, rows in tables[table.name].groupby(list(SETTING), sort=False)], ignore_index=True)
         for table in (SENSITIVITY_HYPERPRIORS, SENSITIVITY_ERRORS)
     )
     errors_and_average = add_average(errors)

@@ -416,8 +416,7 @@ def tabulate_reliability(coverage: pd.DataFrame, muscles: Sequence[str]) -> pd.D
     pairs = told.pivot(index=where, columns="model", values=["share", "gap", "half_width_n"])
     frame = pd.DataFrame(
         {
-            **{f"{name}_share": pairs["share"][name] for name in (PLAIN, MARGINAL)},
-            **{f"{name}_gap": pairs["gap"][name] for name in (PLAIN, MARGINAL)},
+            **{f"{name}_{value}": pairs[value][name] for value in ("share", "gap") for name in (PLAIN, MARGINAL)},
             "wider": pairs["half_width_n"][MARGINAL] / pairs["half_width_n"][PLAIN],
         }
     ).reset_index()

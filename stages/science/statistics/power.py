@@ -6,6 +6,7 @@ error's distribution. That is exact for normal data, also for Welch's test, whos
 sample.
 """
 
+from bisect import bisect_left
 from collections.abc import Callable
 from functools import cache
 
@@ -94,15 +95,8 @@ def find_smallest_n(power_at: Callable[[int], float]) -> float:
     power_at : callable
         Power by n, not falling.
     """
-    low, high = 1, 2
-    while power_at(high) < WANTED_POWER:
-        if high == LARGEST_N:
-            return np.nan
-        low, high = high, min(2 * high, LARGEST_N)
-    while high - low > 1:
-        middle = (low + high) // 2
-        low, high = (low, middle) if power_at(middle) >= WANTED_POWER else (middle, high)
-    return float(high)
+    smallest = bisect_left(range(LARGEST_N + 1), True, lo=2, key=lambda n: power_at(n) >= WANTED_POWER)
+    return float(smallest) if smallest <= LARGEST_N else np.nan
 
 
 @cache
