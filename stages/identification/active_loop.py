@@ -646,7 +646,7 @@ class Loop:
         )
         watch = self.ctx.record.watch(self.key(trial))
         number = self.first + trial - 1
-        return track(rows, trajectory, rig, self.participant, label, generator, watch, number, proposal)
+        return track(rows, rig, self.participant, label, generator, watch, number, proposal)
 
     def name_sources(self, choice: Choice) -> dict[str, int]:
         """Return the movements that pressures are taken from, by muscle; none where they are not exchanged."""

@@ -201,7 +201,8 @@ def comparison(
     compared = pair_arms(common, arms, cfg.comparison.experiments)
     final = describe_final_errors(summary, list(tests), arms, muscles)
     if {"expected_below", "expected_next"} & set(trials.columns):
-        final["trials"] = final["arm"].map(count_trials(kept))
+        executed = kept.groupby(["arm", "participant", "experiment"])["trial"].max()
+        final["trials"] = final["arm"].map(executed.groupby("arm").mean())
     largest = compared[compared["n"] == compared["n"].max()]
     findings = describe_learning(final, mean, largest, shown, arms[0])
     return (
@@ -228,11 +229,6 @@ def keep_common(curve: pd.DataFrame, arms: int) -> pd.DataFrame:
     """Return the rows of the experiments that every arm has, so that arms are compared on the same ones."""
     counted = curve.groupby(["participant", "experiment"])["arm"].transform("nunique")
     return curve[counted == arms]
-
-
-def count_trials(curve: pd.DataFrame) -> pd.Series:
-    """Return by arm how many trials were executed, on average over experiments."""
-    return curve.groupby(["arm", "participant", "experiment"])["trial"].max().groupby("arm").mean()
 
 
 def summarise(curve: pd.DataFrame, tests: Sequence[str], arms: Sequence[str], muscles: Sequence[str]) -> pd.DataFrame:

@@ -31,8 +31,8 @@ from stages.science.plant.plant import Plant
 from stages.science.recording.muscles import describe_muscles
 from stages.science.recording.sources import Measurement, read_executed, tabulate
 from stages.science.rig.attendance import until_kept
-from stages.science.rig.contract import RECORDING_COLUMNS, Rig, tidy
-from stages.science.rig.reference import replayed_trial
+from stages.science.rig.contract import RECORDING_COLUMNS, Rig
+from stages.science.rig.reference import track
 from stages.science.rig.trial import Proposal
 from stages.science.signals.lead_in import leave_out_lead_in, measure_lead_in
 
@@ -174,13 +174,7 @@ def choose_trial(
     rig: Rig,
     ctx: Context,
 ) -> Chosen:
-    """Choose a trial by all that were executed.
-
-    Raises
-    ------
-    NothingToTell
-        When there is none.
-    """
+    """Choose a trial by all that were executed; raise `NothingToTell` when there is none."""
     source = read_executed(cfg.exoskeleton, initial, designed, pd.concat(further) if further else None)
     tables, _ = tabulate(source, cfg.exoskeleton, cfg.measurement.largest_jitter)
     generators = ctx.generator("trials", number), ctx.generator("unexplained", number)
@@ -201,17 +195,17 @@ def execute(cfg: Config, choose: Callable[[], Chosen], number: int, rig: Rig, ct
     """Execute the trial that is chosen, and return its part."""
     it = choose()
     words = it.weighed.spell(it.kind)
-    drawn = ", drawn at random," if cfg.propose_trial.choice == "random" else ","
-    reason = f"{words}{drawn} to tell {join_names(list(it.rivals))} apart"
+    chosen = ", drawn at random," if cfg.propose_trial.choice == "random" else ","
+    reason = f"{words}{chosen} to tell {join_names(list(it.rivals))} apart"
     label, proposal = f"{it.participant} trial {number} to tell names apart", Proposal(number, cfg.next_trials, reason)
-    trial = replayed_trial(it.rows, rig, it.participant, label, it.place, proposal)
-    recording = rig.execute(trial, ctx.generator("rig", number), ctx.record.watch((f"{number:02d}",)))
+    drawn, watch = ctx.generator("rig", number), ctx.record.watch((f"{number:02d}",))
+    samples = track(it.rows, rig, it.participant, label, drawn, watch, it.place, proposal)
     shares = ", ".join(f"{name} {share:.2f}" for name, share in it.rivals.items())
     before, after = it.weighed.expected_now, float(it.weighed.probability[it.kind])
     decision = it.known.decision
     told = (it.participant, number, words, shares, before, after, ", ".join(each.name for each in decision.effects))
     values = [(number, *row[1:]) for row in list_steps([decision.steps[-1]])]
-    samples = pd.DataFrame(tidy(recording, rig)).assign(participant=it.participant, trial=number)
+    samples = samples.assign(participant=it.participant, trial=number)
     return {
         DISCRIMINATION_TRIALS.name: pd.DataFrame([told], columns=list(DISCRIMINATION_TRIALS.columns)),
         DISCRIMINATION_RECORDINGS.name: samples[list(DISCRIMINATION_RECORDINGS.columns)],
@@ -224,12 +218,7 @@ def choose_allowed(
 ) -> tuple[int, pd.DataFrame]:
     """Return the best kind of trial that the rig's limits allow, or a random one of them, and its reference's rows.
 
-    `lead_in_s` and `resting` are as of `lay_out`.
-
-    Raises
-    ------
-    NothingToTell
-        When there is none, or when it tells too little.
+    `lead_in_s` and `resting` are as of `lay_out`. Raise `NothingToTell` when there is none, or it tells too little.
     """
     given = cfg.propose_trial
     best = given.choice == "evidence"

@@ -16,9 +16,9 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.rig.attendance import until_kept
-from stages.science.rig.contract import RECORDING_COLUMNS, Rig, tidy
+from stages.science.rig.contract import RECORDING_COLUMNS, Rig
 from stages.science.rig.pacing import measure_pace
-from stages.science.rig.reference import replayed_trial
+from stages.science.rig.reference import track
 from stages.science.rig.trial import Proposal
 from stages.science.signals.lead_in import leave_out_lead_in
 
@@ -108,11 +108,10 @@ def execute_tracked(
     samples = references[references["trajectory"] == row["trajectory"]]
     label = f"{row['participant']} experiment {row['experiment']} initial {row['position']}"
     proposal = Proposal(number + 1, total, "an initial trial, drawn at random", int(row["trajectory"]))
-    trial = replayed_trial(samples, rig, row["participant"], label, number, proposal)
-    recording = rig.execute(trial, ctx.generator(*key), ctx.record.watch(key))
+    drawn, watch = ctx.generator(*key), ctx.record.watch(key)
+    rows = track(samples, rig, row["participant"], label, drawn, watch, number, proposal)
     where = {str(name): value for name, value in row.items()}
-    rows = pd.DataFrame(tidy(recording, rig)).assign(**where)
-    return {HARDWARE_RECORDINGS.name: rows[list(HARDWARE_RECORDINGS.columns)]}
+    return {HARDWARE_RECORDINGS.name: rows.assign(**where)[list(HARDWARE_RECORDINGS.columns)]}
 
 
 def split_turns(commands: pd.DataFrame | None, singly: bool) -> dict[tuple[int, ...], pd.DataFrame]:
@@ -143,7 +142,6 @@ def execute_passive(
         turn = int(str(experiment)), int(str(trial))
         label = "protocol experiment {} trial {}".format(*turn)
         proposal = Proposal(number + 1, total, "a trial of the protocol")
-        given = replayed_trial(samples, rig, NOBODY, label, number, proposal)
-        recording = rig.execute(given, ctx.generator(NOBODY, *turn), watch)
-        frames.append(pd.DataFrame(tidy(recording, rig)).assign(experiment=turn[0], trial=turn[1]))
+        measured = track(samples, rig, NOBODY, label, ctx.generator(NOBODY, *turn), watch, number, proposal)
+        frames.append(measured.assign(experiment=turn[0], trial=turn[1]))
     return {PROTOCOL_RECORDINGS.name: pd.concat(frames, ignore_index=True)[list(PROTOCOL_RECORDINGS.columns)]}

@@ -143,13 +143,7 @@ def mark_wanted(known: pd.DataFrame, section: Task) -> NDArray[np.bool_]:
 
 
 def select_samples(known: pd.DataFrame, section: Task) -> pd.DataFrame:
-    """Return so many samples of each muscle, evenly spread over those within its region.
-
-    Raises
-    ------
-    ConfigError
-        When a muscle's region holds no sample.
-    """
+    """Return so many samples of each muscle, evenly spread over those within its region; refuse one without samples."""
     frames, wanted = [], mark_wanted(known, section)
     for muscle, rows in known.groupby("muscle", sort=False):
         within = known[wanted & (known["muscle"] == muscle).to_numpy()]

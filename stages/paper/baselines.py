@@ -208,9 +208,7 @@ class Job:
     def fit_sparse(self) -> SparseGP:
         """Fit a sparse GP to all samples; pseudo-inputs and hyperparameters maximise the likelihood alone.
 
-        Notes
-        -----
-        Snelson and Ghahramani, Sparse Gaussian processes using pseudo-inputs, NIPS 18 (2006).
+        Source: Snelson and Ghahramani, Sparse Gaussian processes using pseudo-inputs, NIPS 18 (2006).
         """
         known, trials = self.recorded, int(self.samples["trial"].nunique())
         data = known.scaling.inputs_of(self.samples), known.scaling.output_of(self.samples)

@@ -339,7 +339,8 @@ class Experiment:
         generator = self.ctx.generator("rig", self.participant, self.number, trial)
         trajectory, watch = self.muscles.trajectories[index], self.ctx.record.watch(self.key(arm, trial))
         proposal = Proposal(trial, self.cfg.sparse_loop.trials, f"chosen for the sparse models by {arm}", trajectory)
-        return track(self.references, trajectory, rig, self.participant, label, generator, watch, proposal=proposal)
+        rows = self.references[self.references["trajectory"] == trajectory]
+        return track(rows, rig, self.participant, label, generator, watch, proposal=proposal)
 
     def label(self, frame: pd.DataFrame, arm: str, trial: int) -> pd.DataFrame:
         """Put participant, experiment, arm and trial before a frame's columns."""

@@ -103,8 +103,7 @@ def arrange(samples: pd.DataFrame, column: str, rig: Rig) -> Array:
 
 
 def track(
-    references: pd.DataFrame,
-    trajectory: int,
+    samples: pd.DataFrame,
     rig: Rig,
     participant: str,
     label: str,
@@ -113,12 +112,10 @@ def track(
     number: int | None = None,
     proposal: Proposal | None = None,
 ) -> pd.DataFrame:
-    """Let a participant track a movement, and return what was measured, in the columns of `RECORDING_COLUMNS`.
+    """Execute a trial of `replayed_trial`, and return what was measured, in the columns of `RECORDING_COLUMNS`.
 
-    References are rows of all movements, with a column trajectory beside those that `replayed_trial` takes. Errors are
-    as of it and of `Rig.execute`.
+    Errors are as of it and of `Rig.execute`.
     """
-    samples = references[references["trajectory"] == trajectory]
     trial = replayed_trial(samples, rig, participant, label, number, proposal)
     return pd.DataFrame(tidy(rig.execute(trial, generator, watch), rig))
 
@@ -131,8 +128,8 @@ def exchange_columns(
 ) -> pd.DataFrame:
     """Return a movement's rows with some muscles' columns from other movements, sample by sample.
 
-    Movements are as the references of `track`; `sources` names the movement by muscle, and a muscle that is not in it
-    keeps its own.
+    Movements have a column trajectory beside those of `replayed_trial`; `sources` names the movement by muscle, and a
+    muscle that is not in it keeps its own.
     """
     rows = movements[movements["trajectory"] == trajectory].copy()
     for muscle, source in sources.items():

@@ -178,7 +178,7 @@ def test_exchanged_pressures_are_applied_within_every_limit(rig, generator):
     rows = exchange_columns(references, 0, sources)
     np.testing.assert_array_equal(replayed_trial(rows, rig, "p1", "").pressure_command_kpa, asked)
     with rig:
-        recorded = leave_out_lead_in(track(rows, 0, rig, "p1", "exchanged", generator))
+        recorded = leave_out_lead_in(track(rows, rig, "p1", "exchanged", generator))
     if isinstance(rig, ReplayRig):
         return  # it found the nearest that there was
     applied = np.column_stack(
@@ -211,7 +211,7 @@ def test_bent_movements_are_within_every_limit(rig, generator):
     if isinstance(rig, ReplayRig):
         return  # it has no recording of it
     with rig:
-        recorded = leave_out_lead_in(track(rows, 2, rig, "p1", "bent", generator))
+        recorded = leave_out_lead_in(track(rows, rig, "p1", "bent", generator))
     for name, its in zip(rig.muscles, asked.T, strict=True):
         found = recorded[recorded["muscle"] == name]
         assert set(found["clipped_by"]) <= {"", "co_contraction"}
