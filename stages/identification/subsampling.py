@@ -22,28 +22,24 @@ from stages.science.signals.lead_in import leave_out_lead_in
 from stages.science.signals.scaling import MODEL_INPUTS
 
 TRAJECTORY = column(int, "movement of the bank", low=0)
-PAST = describe_features()
-
-CANDIDATES, REFERENCES = (
-    Table(
-        name,
-        title,
-        {
-            "trajectory": TRAJECTORY,
-            **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", "muscle", *quantities)},
-            **features,
-        },
-        key=("trajectory", "muscle", "time_s"),
-    )
-    for name, title, quantities, features in (
-        ("candidates", "A sample of a bank movement as the models' input, without force", MODEL_INPUTS, PAST),
-        (
-            "references",
-            "A sample of what a trial displays to the person (joint angle) and plays on the robot (pressure command)",
-            ("pressure_command_kpa", "joint_angle_rad"),
-            {},
-        ),
-    )
+CANDIDATES = Table(
+    "candidates",
+    "A sample of a bank movement as the models' input, without force",
+    {
+        "trajectory": TRAJECTORY,
+        **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", "muscle", *MODEL_INPUTS)},
+        **describe_features(),
+    },
+    key=("trajectory", "muscle", "time_s"),
+)
+REFERENCES = Table(
+    "references",
+    "A sample of what a trial displays to the person (joint angle) and plays on the robot (pressure command)",
+    {
+        "trajectory": TRAJECTORY,
+        **{name: MEASUREMENT_COLUMNS[name] for name in ("time_s", "muscle", "pressure_command_kpa", "joint_angle_rad")},
+    },
+    key=("trajectory", "muscle", "time_s"),
 )
 INITIAL_TRIALS = Table(
     "initial_trials",

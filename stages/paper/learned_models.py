@@ -16,7 +16,7 @@ from typing import Annotated, Any, ClassVar, Self
 import numpy as np
 import pandas as pd
 from pydantic import Field, PositiveInt, model_validator
-from scipy.special import ndtri, stdtrit
+from scipy.special import ndtri
 
 from pipeline.config import Section, View
 from pipeline.context import Context
@@ -32,7 +32,7 @@ from stages.science.muscle_models.samples import list_tests
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT, Scaling
 from stages.science.statistics.concentration import Choices, judge_concentration
-from stages.science.statistics.intervals import cover_blocks
+from stages.science.statistics.intervals import bound_mean, cover_blocks
 from stages.science.statistics.paired import adjust_holm, compare_pairs
 from stages.science.statistics.verdicts import LEVEL, judge_differences
 
@@ -439,13 +439,7 @@ def compare_models(family: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame
         row = {"muscle": muscle, "trial": trial, "wider": its["wider"].mean(), **vars(told)}
         row |= {"marginal_gap": told.first_mean, "plain_gap": told.second_mean}
         for name in (PLAIN, MARGINAL):
-            row[f"{name}_share"], row[f"{name}_low"], row[f"{name}_high"] = average(its[f"{name}_share"])
+            share, low, high = bound_mean(its[f"{name}_share"].to_numpy(), NOMINAL)
+            row |= {f"{name}_share": share, f"{name}_low": low, f"{name}_high": high}
         found.append(row)
     return judge_differences(pd.DataFrame(found), "p_t", "marginal closer", "plain closer")
-
-
-def average(values: pd.Series[float]) -> tuple[float, float, float]:
-    """Return the mean and the ends of its 95 % interval (Student's t), NaN where there is one value."""
-    mean, count = float(values.mean()), len(values)
-    half = float(stdtrit(count - 1, 0.5 + NOMINAL / 2) * values.std() / np.sqrt(count)) if count > 1 else np.nan
-    return mean, mean - half, mean + half

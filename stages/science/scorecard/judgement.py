@@ -9,7 +9,6 @@ from collections.abc import Callable, Collection, Sequence
 from dataclasses import dataclass, replace
 
 import numpy as np
-from scipy.stats import t
 
 from stages.science.discrepancy.decision import Decision, decide
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, prepare_all
@@ -21,6 +20,7 @@ from stages.science.output_channels.fitting import Fit, Model, fit
 from stages.science.output_channels.noise import Noise
 from stages.science.output_channels.output_channel import NamedEffect, OutputChannel
 from stages.science.signals.trajectories import Array
+from stages.science.statistics.intervals import bound_mean
 
 FINE = 1e-3
 """Standard deviation over the range by which noise-free records are fitted; small, so that priors hardly matter."""
@@ -68,10 +68,7 @@ class Judgement:
             )
             for fits in (self.decision.steps[0], self.decision.steps[-1])
         )
-        gained = (before - after) / np.mean(before)
-        half = float(t.ppf(0.5 + 0.5 * level, len(trials) - 1) * gained.std(ddof=1) / np.sqrt(len(trials)))
-        mean = float(gained.mean())
-        return mean, mean - half, mean + half
+        return bound_mean(np.asarray((before - after) / np.mean(before)), level)
 
     def floor(self, channels: Collection[str]) -> float:
         """Return the noise floor of the test trials, in the same unit."""

@@ -35,6 +35,15 @@ def bound_median(values: Array, level: float) -> tuple[float, float, float]:
     return float(np.median(ordered)), float(ordered[place]), float(ordered[values.size - 1 - place])
 
 
+def bound_mean(values: Array, level: float) -> tuple[float, float, float]:
+    """Return a mean with its interval (Student's t); nan for the ends where there is one value."""
+    from scipy.special import stdtrit
+
+    mean, count = float(values.mean()), values.size
+    half = float(stdtrit(count - 1, 0.5 + 0.5 * level) * values.std(ddof=1) / np.sqrt(count)) if count > 1 else math.nan
+    return mean, mean - half, mean + half
+
+
 @dataclass(frozen=True)
 class Coverage:
     """Share of values within their intervals where those of a block depend on each other.
@@ -69,16 +78,11 @@ def cover_blocks(values: Array, low: Array, high: Array, blocks: ArrayLike) -> C
     blocks : (n,) array_like
         Label of the block (a trial, a person) that each value belongs to.
     """
-    from scipy import stats
-
     inside = (low <= values) & (values <= high)
     members = np.unique(np.asarray(blocks), return_inverse=True)[1]
     size = np.bincount(members)
-    count = size.size
     shares = np.bincount(members, weights=inside) / size
     bottom = top = np.nan
-    if count > 1 and np.ptp(shares):
-        mean, half = float(shares.mean()), float(stats.t.ppf(0.975, count - 1)) * float(shares.std(ddof=1))
-        half /= np.sqrt(count)
-        bottom, top = float(max(mean - half, 0.0)), float(min(mean + half, 1.0))
-    return Coverage(inside.size, count, float(inside.mean()), bottom, top)
+    if np.ptp(shares):
+        _, bottom, top = bound_mean(shares, 0.95)
+    return Coverage(inside.size, size.size, float(inside.mean()), max(bottom, 0.0), min(top, 1.0))
