@@ -235,11 +235,8 @@ def summarise(curve: pd.DataFrame, tests: Sequence[str], arms: Sequence[str], mu
     """Return mean and SD over experiments, for each muscle and for their average."""
     rows = pd.concat([curve, average_muscles(curve)], ignore_index=True)
     grouped = rows.groupby(["tested_on", "arm", "trial", "muscle"])["error_rate"].agg(["mean", "std", "count"])
-    trials = sorted(curve["trial"].unique())
-    keys = list(product(tests, arms, trials, [*muscles, ALL_MUSCLES]))
-    ordered = grouped.loc[keys].reset_index()
-    ordered.columns = pd.Index(LEARNING_SUMMARY.columns)
-    return ordered
+    keys = list(product(tests, arms, sorted(curve["trial"].unique()), [*muscles, ALL_MUSCLES]))
+    return grouped.loc[keys].reset_index().set_axis(list(LEARNING_SUMMARY.columns), axis="columns")
 
 
 def describe_final_errors(

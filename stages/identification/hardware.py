@@ -87,11 +87,10 @@ def hardware(
             make = partial(execute_tracked, row, number, len(initial_trials), references, rig, ctx)
             until_kept(partial(ctx.record.part, key, make))
             advance(f"{row['participant']} experiment {row['experiment']}")
-        first, total = 0, sum(map(count_trials, passive.values()))
+        total = sum(commands["number"].nunique() for commands in passive.values())
         for turn, commands in passive.items():
-            make = partial(execute_passive, commands, turn, first, total, rig, ctx)
+            make = partial(execute_passive, commands, turn, total, rig, ctx)
             until_kept(partial(ctx.record.part, (NOBODY, *turn), make))
-            first += count_trials(commands)
             advance(f"protocol experiment {turn[0]}")
     tables = ctx.record.collect()
     pace = measure_pace(leave_out_lead_in(tables[HARDWARE_RECORDINGS.name]), ["participant", "experiment", "position"])
@@ -117,29 +116,24 @@ def execute_tracked(
 def split_turns(commands: pd.DataFrame | None, singly: bool) -> dict[tuple[int, ...], pd.DataFrame]:
     """Return the protocol's commands by turn of the loop, named by experiment and, where they land singly, trial.
 
-    What a machine measured lands trial by trial, and so does what somebody decides on. A simulation's trials land by
-    experiment else, as each is made sooner than a part is written.
+    Their column number is the trial's among all. What a machine measured lands trial by trial, and so does what
+    somebody decides on. A simulation's trials land by experiment else, as each is made sooner than a part is written.
     """
     if commands is None:
         return {}
+    commands = commands.assign(number=commands.groupby(["experiment", "trial"], sort=False).ngroup())
     by = ["experiment", "trial"] if singly else ["experiment"]
     return {tuple(int(str(each)) for each in key): rows for key, rows in commands.groupby(by, sort=False)}
 
 
-def count_trials(commands: pd.DataFrame) -> int:
-    """Return how many trials of the protocol there are."""
-    return commands.groupby(["experiment", "trial"]).ngroups
-
-
 def execute_passive(
-    commands: pd.DataFrame, key: tuple[int, ...], first: int, total: int, rig: Rig, ctx: Context
+    commands: pd.DataFrame, key: tuple[int, ...], total: int, rig: Rig, ctx: Context
 ) -> dict[str, pd.DataFrame]:
-    """Execute trials of the protocol, numbered from the first on."""
+    """Execute trials of the protocol, as `split_turns` numbers them."""
     frames = []
     watch = ctx.record.watch((NOBODY, *key))
-    trials = commands.groupby(["experiment", "trial"], sort=False)
-    for number, ((experiment, trial), samples) in enumerate(trials, first):
-        turn = int(str(experiment)), int(str(trial))
+    for each, samples in commands.groupby(["number", "experiment", "trial"], sort=False):
+        number, *turn = (int(str(value)) for value in each)
         label = "protocol experiment {} trial {}".format(*turn)
         proposal = Proposal(number + 1, total, "a trial of the protocol")
         measured = track(samples, rig, NOBODY, label, ctx.generator(NOBODY, *turn), watch, number, proposal)

@@ -10,8 +10,9 @@ choices agree holds where they are more alike than at random. What was tested ot
 whether the opposite was found, or nothing. What was not tested, for want of experiments or of an arm, is called that.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -171,7 +172,7 @@ def claims(
         (weigh_concentration, choice_concentration),
         (weigh_sparse_model, sparse_comparison),
     ]
-    rows = [row for weigh, frame in sources if frame is not None for row in weigh(frame)]
+    rows = [row for tell, frame in sources if frame is not None for row in tell(frame)]
     if executed_by is not None:
         rows.append(describe_reality(bool(executed_by["real"].all()), rows))
         untested = [claim for claim in PAPER if claim not in {row["claim"] for row in rows}]
@@ -211,10 +212,13 @@ def describe_reality(real: bool, rows: list[dict[str, Any]]) -> dict[str, Any]:
     return describe(claim, "", "", NOTHING, (np.nan, *why))
 
 
-def read(row: Any, statistic: str, n: int, effect: str) -> Evidence:
-    """Return what a comparison's row says."""
+def weigh(
+    row: Any, claim: str, setting: str, judge: Callable[[Evidence], Verdict], statistic: str, n: int, effect: str
+) -> dict[str, Any]:
+    """Return the row of `claims` by what a comparison's row says."""
     names = ("difference", "low", "high", effect, "p_holm", "p_tost")
-    return Evidence(statistic, int(n), *(float(row.get(name, np.nan)) for name in names))
+    found = Evidence(statistic, int(n), *(float(row.get(name, np.nan)) for name in names))
+    return describe(claim, setting, row.get("tested_on", ""), found, judge(found))
 
 
 def weigh_fall(curve: pd.DataFrame) -> Iterator[dict[str, Any]]:
@@ -223,8 +227,8 @@ def weigh_fall(curve: pd.DataFrame) -> Iterator[dict[str, Any]]:
     for tested_on, its in design.groupby("tested_on", sort=False):
         means = its.groupby(["participant", "experiment", "trial"])["error_rate"].mean().unstack("trial")
         told = compare_pairs(means[means.columns.max()].to_numpy(), means[0].to_numpy())
-        evidence = Evidence("paired t, d_z", told.n, told.difference, told.low, told.high, told.d_z, told.p_t)
-        yield describe("error_falls", "", str(tested_on), evidence, judge_better(evidence))
+        row = {**vars(told), "p_holm": told.p_t, "tested_on": str(tested_on)}
+        yield weigh(row, "error_falls", "", judge_better, "paired t, d_z", told.n, "d_z")
 
 
 def weigh_participants(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
@@ -232,24 +236,23 @@ def weigh_participants(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
     average = compared[compared["muscle"] == ALL_MUSCLES]
     for _, its in average.groupby(["first", "second", "tested_on"], sort=False):
         row = its.sort_values("n_first").to_dict("records")[-1]
-        n = min(row["n_first"], row["n_second"])
-        found = read(row, f"Welch, TOST to {row['margin']:g}, Hedges g", n, "hedges_g")
-        people = f"{row['first']}, {row['second']}"
-        yield describe("participants_alike", people, row["tested_on"], found, judge_same(found))
+        people, n = f"{row['first']}, {row['second']}", min(row["n_first"], row["n_second"])
+        statistic = f"Welch, TOST to {row['margin']:g}, Hedges g"
+        yield weigh(row, "participants_alike", people, judge_same, statistic, n, "hedges_g")
 
 
 def weigh_time_shift(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Take each amplitude's comparison: equivalence after the last trial, and the curve without shift against with."""
     for row in compared.to_dict("records"):
-        where = f"up to {plain(row['amplitude_s'])} s", row["tested_on"]
+        setting, n = f"up to {plain(row['amplitude_s'])} s", row["n"]
         if row["measure"] == "final":
-            found = read(row, f"paired t, TOST to {row['margin']:g}, d_z", row["n"], "d_z")
-            yield describe("robust_to_shift", *where, found, judge_same(found))
+            statistic = f"paired t, TOST to {row['margin']:g}, d_z"
+            yield weigh(row, "robust_to_shift", setting, judge_same, statistic, n, "d_z")
         else:
             # the table tells the shift less none; the claim is about none
             turned = {"difference": -row["difference"], "low": -row["high"], "high": -row["low"], "d_z": -row["d_z"]}
-            found = read(row | turned, "paired t of the curve, d_z", row["n"], "d_z")
-            yield describe("best_without_shift", *where, found, judge_better(found))
+            statistic = "paired t of the curve, d_z"
+            yield weigh(row | turned, "best_without_shift", setting, judge_better, statistic, n, "d_z")
 
 
 def weigh_choices_against_random(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
@@ -257,9 +260,8 @@ def weigh_choices_against_random(compared: pd.DataFrame) -> Iterator[dict[str, A
     its = compared[compared["control"] == "random"]
     for _, rows in its.groupby(["tested_on", "measure"], sort=False):
         row = rows.sort_values("n").to_dict("records")[-1]
-        found = read(row, "paired t, d_z", row["n"], "d_z")
         setting = "after the last trial" if row["measure"] == "final" else "over the curve"
-        yield describe("beats_random_choice", setting, row["tested_on"], found, judge_better(found))
+        yield weigh(row, "beats_random_choice", setting, judge_better, "paired t, d_z", row["n"], "d_z")
 
 
 def weigh_baselines(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
@@ -272,8 +274,8 @@ def weigh_baselines(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
     for row in compared[compared["muscle"] == ALL_MUSCLES].to_dict("records"):
         claim = about.get((row["baseline"], row["measure"]))
         if claim:
-            found = read(row, "Welch, Hedges g", min(row["n_design"], row["n_baseline"]), "effect")
-            yield describe(claim, "", row["tested_on"], found, judge_better(found))
+            n = min(row["n_design"], row["n_baseline"])
+            yield weigh(row, claim, "", judge_better, "Welch, Hedges g", n, "effect")
 
 
 def weigh_hyperpriors(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
@@ -286,9 +288,8 @@ def weigh_hyperpriors(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
         row = its.to_dict("records")[-1]
         least = {"difference": row[estimate], "p_holm": its["p_holm"].min()}
         statistic = f"{test} to {row['margin']:g}, {effect}: of {row['muscle']}, least surely equivalent"
-        found = read(row | least, statistic, row["n"], effect)
-        told = judge_all_same(found, sorted(its.loc[its["p_holm"] < LEVEL, "muscle"]))
-        yield describe(claim, described.format(plain(row["setting"])), row["tested_on"], found, told)
+        judge = partial(judge_all_same, differing=sorted(its.loc[its["p_holm"] < LEVEL, "muscle"]))
+        yield weigh(row | least, claim, described.format(plain(row["setting"])), judge, statistic, row["n"], effect)
 
 
 def plain(value: float) -> str:
@@ -299,14 +300,13 @@ def plain(value: float) -> str:
 def weigh_concentration(concentration: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Take the design's test, the first of the arms."""
     row = {**concentration.to_dict("records")[0], "low": np.nan, "high": np.nan}
-    found = read(row, "Monte Carlo test of dispersion, over its mean at random", row["n"], "effect")
-    yield describe("choices_agree", "", "", found, judge_concentrated(found))
+    statistic = "Monte Carlo test of dispersion, over its mean at random"
+    yield weigh(row, "choices_agree", "", judge_concentrated, statistic, row["n"], "effect")
 
 
 def weigh_sparse_model(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
     """Take the comparison of a sparse model that keeps all samples with an exact one of few, after the last trial."""
     its = compared[(compared["question"] == "keeping all samples") & (compared["measure"] == "final")]
     for row in its.drop_duplicates("tested_on").to_dict("records"):  # the design's comparison stands first
-        found = read(row, "paired t, d_z", row["n"], "d_z")
         lines = f"{row['first']} - {row['second']}"
-        yield describe("sparse_model_gains", lines, row["tested_on"], found, judge_better(found))
+        yield weigh(row, "sparse_model_gains", lines, judge_better, "paired t, d_z", row["n"], "d_z")
