@@ -223,23 +223,17 @@ class Thinning(View):
     initial_trials: int
 
 
-class StagesListed(View):
-    """Which stages there are."""
-
-    stages: list[str]
-
-
 class TaskKnown(View):
     """Choices that serve a task have one."""
 
     active_loop: ActiveLoop
-    workflow: StagesListed
+    workflow: dict[str, Any]
 
     @model_validator(mode="after")
     def _find_task(self) -> Self:
         section = self.active_loop
         asked = section.utility, section.subsample_utility, *(section.controls or [])
-        if "task" in self.workflow.stages:
+        if "task" in self.workflow["stages"]:
             return self
         if section.until.error_percent is not None or section.until.gain_percent is not None:
             raise ValueError(
@@ -369,13 +363,9 @@ def active_loop(
         caption += " Pressures are each muscle's own choice of a movement (trials.pressures_from)."
     if chosen.get("bent_by", pd.Series("")).any():
         caption += " They are shown as they were bent within the bank's bounds, to tell more (trials.bent_by)."
-    pairs = list(zip(rig.muscles, rig.muscle_joints, strict=True))
-    groups = {joint: [name for name, its in pairs if its == joint] for joint in rig.joints}
-    ctx.figure(
-        "selected_interactions",
-        draw_chosen_trials(chosen, gather_commands(chosen, references, bending), groups),
-        caption,
-    )
+    commands = gather_commands(chosen, references, bending)
+    figure = draw_chosen_trials(chosen, commands, rig.exoskeleton.muscles_by_joint)
+    ctx.figure("selected_interactions", figure, caption)
     if tasks:
         caption = (
             f"Error rate, mean over muscles, to be expected on the task after each trial chosen by {arms[0]}: what the "

@@ -6,7 +6,7 @@ seen.
 """
 
 from functools import partial
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import pandas as pd
 from pydantic import model_validator
@@ -45,12 +45,6 @@ class BankFits(View):
         return self
 
 
-class Seed(View):
-    """A bank's own seed."""
-
-    seed: int
-
-
 class UnseenBankFits(View):
     """The same of the unseen bank, and the two banks are two draws.
 
@@ -58,7 +52,7 @@ class UnseenBankFits(View):
     equal expects that they do.
     """
 
-    bank: Seed
+    bank: dict[str, Any]
     unseen_bank: FreeMovements
     exoskeleton: Exoskeleton
     rig: RigWithLimits
@@ -66,10 +60,10 @@ class UnseenBankFits(View):
     @model_validator(mode="after")
     def _fit(self) -> Self:
         self.unseen_bank.check_against(self.exoskeleton, "unseen_bank", self.rig.limits)
-        if self.unseen_bank.seed == self.bank.seed:
+        if self.unseen_bank.seed == self.bank["seed"]:
             raise ValueError(
                 f"unseen_bank.seed: expected another seed than bank.seed, as its movements are to be new, "
-                f"got {self.unseen_bank.seed} for both; set unseen_bank.seed={self.bank.seed + 1}"
+                f"got {self.unseen_bank.seed} for both; set unseen_bank.seed={self.unseen_bank.seed + 1}"
             )
         return self
 

@@ -234,8 +234,7 @@ def learned_models(
     movements = [int(each) for each in references["trajectory"].unique()]
     often = count_choices(trials, movements)
     concentration = judge_choices(trials, initial_trials, movements, section.draws, ctx)
-    shown, machine = often[often["arm"] == design].head(section.shown), cfg.exoskeleton
-    groups = {joint: [each.name for each in machine.muscles if each.joint == joint] for joint in machine.joint_names}
+    shown, groups = often[often["arm"] == design].head(section.shown), cfg.exoskeleton.muscles_by_joint
     caption = (
         f"The {len(shown)} trajectories that {design} chose most often, of {len(movements)}: each joint's "
         "reference and the pressure commands of its muscles. Above each: in how many of the experiments it was chosen."

@@ -98,8 +98,5 @@ def protocol(cfg: Config, ctx: Context) -> pd.DataFrame:
         f"Commands of the automatic protocol's first experiment, in which nobody moves: {trials} trials "
         f"of {exoskeleton.trial_s:g} s, agonist and antagonist swept in turn while the other one holds levels."
     )
-    groups = {
-        joint: [each.name for each in exoskeleton.muscles if each.joint == joint] for joint in exoskeleton.joint_names
-    }
-    ctx.figure("protocol", draw_protocol(table[table["experiment"] == 1], groups), caption)
+    ctx.figure("protocol", draw_protocol(table[table["experiment"] == 1], exoskeleton.muscles_by_joint), caption)
     return table

@@ -143,6 +143,11 @@ class Exoskeleton(Declared):
         return [muscle.name for muscle in self.muscles]
 
     @property
+    def muscles_by_joint(self) -> dict[str, list[str]]:
+        """Names of the muscles of each joint."""
+        return {joint: [each.name for each in self.muscles if each.joint == joint] for joint in self.joint_names}
+
+    @property
     def joint_of_muscle(self) -> list[int]:
         """Index of each muscle's joint."""
         return [self.joint_names.index(muscle.joint) for muscle in self.muscles]
