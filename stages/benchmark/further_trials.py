@@ -65,7 +65,7 @@ class Config(Section):
 @stage(FURTHER_RECORDINGS, FURTHER_TRIALS, stream="further_trials")
 def further_trials(
     cfg: Config, session_recordings: pd.DataFrame, session_machine: pd.DataFrame, ctx: Context
-) -> dict[str, pd.DataFrame]:
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Search, choose a trial, record it, and search again."""
     recorded, rows = session_recordings.assign(part=WHOLE), []
     with ctx.progress("further trials", cfg.next_trials) as advance:
@@ -94,11 +94,8 @@ def further_trials(
                 }
             )
             advance(weighed.spell(chosen))
-    kept = recorded[recorded["part"] == PROPOSED]
-    return {
-        FURTHER_RECORDINGS.name: kept[list(FURTHER_RECORDINGS.columns)],
-        FURTHER_TRIALS.name: pd.DataFrame(rows, columns=list(FURTHER_TRIALS.columns)),
-    }
+    kept = recorded.loc[recorded["part"] == PROPOSED, list(FURTHER_RECORDINGS.columns)]
+    return kept, pd.DataFrame(rows, columns=list(FURTHER_TRIALS.columns))
 
 
 def list_tables(recorded: pd.DataFrame, machine: pd.DataFrame) -> MeasuredTables:

@@ -51,7 +51,7 @@ def unblinding(
     named_effects: pd.DataFrame,
     verification: pd.DataFrame,
     ctx: Context,
-) -> dict[str, pd.DataFrame]:
+) -> tuple[pd.DataFrame, pd.DataFrame]:
     """Open the seal, and compare what was hidden with what was named."""
     recorded = ctx.device.record()
     digest = seal_truth(recorded)
@@ -72,10 +72,7 @@ def unblinding(
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
         f"{100 * after:.2g} %{mended}; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
     ]
-    return {
-        COMPARISON_WITH_TRUTH.name: pd.DataFrame(rows, columns=list(COMPARISON_WITH_TRUTH.columns)),
-        OUTCOME.name: pd.DataFrame({"outcome": outcome}),
-    }
+    return pd.DataFrame(rows, columns=list(COMPARISON_WITH_TRUTH.columns)), pd.DataFrame({"outcome": outcome})
 
 
 def _compare(truth: Mapping[str, Any], said: pd.DataFrame, channels: pd.DataFrame) -> list[tuple[Any, ...]]:

@@ -187,31 +187,19 @@ def comparison(
         "initial data, the same for every arm"
     )
     mean = summary[summary["muscle"] == ALL_MUSCLES]
-    ctx.figure(
-        "learning_curve",
-        draw_learning_curves(mean.assign(muscle=mean["tested_on"]), arms, shown),
-        f"{caption}; average of the muscles.{told}",
-    )
+    figure = draw_learning_curves(mean.assign(muscle=mean["tested_on"]), arms, shown)
+    ctx.figure("learning_curve", figure, f"{caption}; average of the muscles.{told}")
     its = summary[summary["tested_on"] == shown[0]]
-    ctx.figure(
-        "learning_curve_muscles",
-        draw_learning_curves(its, arms, muscles),
-        f"{caption}; each muscle, tested on {DESCRIBED[shown[0]]}.{told}",
-    )
+    figure = draw_learning_curves(its, arms, muscles)
+    ctx.figure("learning_curve_muscles", figure, f"{caption}; each muscle, tested on {DESCRIBED[shown[0]]}.{told}")
     compared = pair_arms(common, arms, cfg.comparison.experiments)
     final = describe_final_errors(summary, list(tests), arms, muscles)
     if {"expected_below", "expected_next"} & set(trials.columns):
         executed = kept.groupby(["arm", "participant", "experiment"])["trial"].max()
         final["trials"] = final["arm"].map(executed.groupby("arm").mean())
     largest = compared[compared["n"] == compared["n"].max()]
-    findings = describe_learning(final, mean, largest, shown, arms[0])
-    return (
-        curve,
-        summary,
-        final,
-        compared,
-        *(pd.DataFrame({"sentence": each}) for each in (findings, advise(largest, shown[0], arms))),
-    )
+    said = describe_learning(final, mean, largest, shown, arms[0]), advise(largest, shown[0], arms)
+    return curve, summary, final, compared, *(pd.DataFrame({"sentence": each}) for each in said)
 
 
 def measure_errors(learned: ExperimentModels, tests: Mapping[str, tuple[Array, Array]]) -> list[tuple[Any, ...]]:

@@ -291,11 +291,8 @@ def grey_box(
         for table in (GREY_BOX_ERRORS, GREY_BOX_COVERAGE, GREY_BOX_MODELS)
     }
     errors = add_average(told[GREY_BOX_ERRORS.name])[list(GREY_BOX_ERRORS.columns)]
-    trials = executed["trial"].nunique()
-    told |= {
-        GREY_BOX_ERRORS.name: errors,
-        ERROR_BY_STEP.name: list_steps(errors, tests, list(plants), trials, bool(learned)),
-    }
+    steps = list_steps(errors, tests, list(plants), executed["trial"].nunique(), bool(learned))
+    told |= {GREY_BOX_ERRORS.name: errors, ERROR_BY_STEP.name: steps}
     summary = summarise(errors, told[GREY_BOX_COVERAGE.name], told[GREY_BOX_MODELS.name])
     experiments = int(summary["experiments"].max())
     ctx.figure(

@@ -70,10 +70,8 @@ def power_of_equivalence(margin: float, sd_first: float, sd_second: float, n_fir
     unit = float(max(sd_first, sd_second))
     sds, first, second = (sd_first / unit, sd_second / unit), n_first - 1, n_second - 1
     # as sin^2 of an angle, a share has a smooth density for every n
-    low, high = (
-        np.arcsin(np.sqrt(special.betaincinv(first / 2, second / 2, NEGLIGIBLE))),
-        np.arccos(np.sqrt(special.betaincinv(second / 2, first / 2, NEGLIGIBLE))),
-    )
+    low = np.arcsin(np.sqrt(special.betaincinv(first / 2, second / 2, NEGLIGIBLE)))
+    high = np.arccos(np.sqrt(special.betaincinv(second / 2, first / 2, NEGLIGIBLE)))
     nodes, weights = _legendre()
     angle = low + (high - low) * nodes
     log_density = (first - 1) * np.log(np.sin(angle)) + (second - 1) * np.log(np.cos(angle))
