@@ -86,8 +86,7 @@ def _apply_two_plays_to_element(answer: Array, bench: Bench, parameters: Values)
 
 def _stop_from(bench: Bench, width: float, begun: float) -> Array:
     before = bench.along[:1] - begun * width
-    stop: Array = follow_stops(np.concatenate([before, bench.along]), np.array([width]))[1:]
-    return stop
+    return np.asarray(follow_stops(np.concatenate([before, bench.along]), np.array([width]))[1:])
 
 
 SLIDING_ELEMENT = ElementEffect(

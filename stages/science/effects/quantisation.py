@@ -8,20 +8,12 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.science.plant.effect import ChainEffect, Parameter, State, Values
+from stages.science.plant.effect import ChainEffect, Parameter
 from stages.science.signals.trajectories import Array
 
 
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    if parameters["count_share"] == 0.0:
-        return signal
-    count = parameters["count_share"] * state.muscles.full_force_n
-    return np.round(signal / count) * count
-
-
-def _apply_to_pressure(signal: Array, state: State, parameters: Values) -> Array:
-    count = parameters["count_kpa"]
-    return signal if count == 0.0 else np.round(signal / count) * count
+def _round(signal: Array, count: Array | float) -> Array:
+    return np.round(signal / count) * count if np.any(count) else signal
 
 
 EFFECT = ChainEffect(
@@ -33,7 +25,7 @@ EFFECT = ChainEffect(
     source="Widrow, Kollar, Quantization noise (2008)",
     signature="force moves in equal steps and stands between them",
     split_by="a slow sweep of pressure: the steps are equal",
-    apply=_apply,
+    apply=lambda signal, state, parameters: _round(signal, parameters["count_share"] * state.muscles.full_force_n),
 )
 
 FORMS = (
@@ -44,6 +36,6 @@ FORMS = (
         signal="sensed_pressure_kpa",
         parameters=(Parameter("count_kpa", "kPa", 0.0, 200.0, 1.0, 2.0, "count", (1.0, 5.0)),),
         signature="pressure moves in equal steps and stands between them",
-        apply=_apply_to_pressure,
+        apply=lambda signal, state, parameters: _round(signal, parameters["count_kpa"]),
     ),
 )

@@ -47,19 +47,19 @@ ENDS = (
 )
 
 
-def _list_ends(parameters: Values) -> list[str]:
-    """Return which ends there are.
+def _find_ends(parameters: Values) -> dict[str, float]:
+    """Return the ends that there are, by name.
 
     Raises
     ------
     ValueError
         When there is none, or the lowest is not below the highest.
     """
-    ends = [end for end in ("lowest", "highest") if end in parameters]
+    ends = {end: parameters[end] for end in ("lowest", "highest") if end in parameters}
     if not ends:
         raise ValueError("effect saturation: expected lowest, highest or both, in scales of the output, got neither")
-    if len(ends) == 2 and not parameters["lowest"] < parameters["highest"]:
-        low, high = (parameters[end] for end in ends)
+    low, high = ends.get("lowest", -math.inf), ends.get("highest", math.inf)
+    if not low < high:
         raise ValueError(f"effect saturation: expected lowest below highest, got {low:g} and {high:g}")
     return ends
 
@@ -84,9 +84,7 @@ READING = replace(
     parameters=ENDS,
     signature="the response stays at one value wherever it should go beyond it, at one end or at both",
     split_by="a resonant motion beyond the ends",
-    terms=lambda parameters: (
-        {"unread": parameters["share"], **{end: parameters[end] for end in _list_ends(parameters)}}
-    ),
+    terms=lambda parameters: {"unread": parameters["share"], **_find_ends(parameters)},
 )
 
 TANK_READING = replace(
@@ -111,7 +109,7 @@ FULL_TANK = replace(
 
 
 def _apply_to_element(answer: Array, bench: Bench, parameters: Values) -> Array:
-    ends = {end: parameters[end] for end in _list_ends(parameters)}
+    ends = _find_ends(parameters)
     return read(answer, parameters["share"], ends.get("lowest", -math.inf), ends.get("highest", math.inf))
 
 

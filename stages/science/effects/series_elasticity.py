@@ -34,13 +34,8 @@ def _balance(pressure: Array, contraction: Array, velocity: Array, muscles: Musc
 
 
 def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    return _balance(
-        np.ascontiguousarray(state.pressure_kpa),
-        np.ascontiguousarray(signal),
-        np.ascontiguousarray(state.velocity_per_s),
-        state.muscles,
-        parameters["stretch"],
-    )
+    pressure, contraction, velocity = map(np.ascontiguousarray, (state.pressure_kpa, signal, state.velocity_per_s))
+    return _balance(pressure, contraction, velocity, state.muscles, parameters["stretch"])
 
 
 EFFECT = ChainEffect(
