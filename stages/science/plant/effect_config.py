@@ -126,7 +126,7 @@ class EffectConfig(Declared):
     @property
     def effect(self) -> Effect:
         """The effect itself."""
-        return find_effect_at(self.SITE, self.name, self.form)
+        return find_effect(self.name, self.form)
 
     @property
     def imported_by_name(self) -> tuple[str, ...]:
@@ -147,8 +147,7 @@ def find_effect_at(site: str, name: str, form: str | None) -> Effect:
     ValueError
         When there is none.
     """
-    wanted = find_effect(name, form) if form is not None else None
-    for effect in list_forms(name) if wanted is None else (wanted,):
+    for effect in list_forms(name) if form is None else (find_effect(name, form),):
         if effect.site == site:
             return effect
     article = "an" if site[0] in "aeio" else "a"

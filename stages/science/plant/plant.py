@@ -82,11 +82,6 @@ class AppliedEffect(EffectConfig):
         form = {} if _choose_form(written) is self.effect else {"form": self.form}
         return {"name": self.name, **form, place: getattr(self, place), **self.parameters}
 
-    @property
-    def effect(self) -> Effect:
-        """The effect itself."""
-        return find_effect(self.name, self.form)
-
 
 def _places_of(effect: Effect) -> tuple[str, str]:
     return ("joints", "muscles") if effect.site == "joint" else ("muscles", "joints")
