@@ -91,10 +91,7 @@ class Place:
 
 
 def find_map(
-    posterior: LogPosterior,
-    generator: np.random.Generator,
-    starts: int,
-    warm_starts: Sequence[Array] = (),
+    posterior: LogPosterior, generator: np.random.Generator, starts: int, warm_starts: Sequence[Array] = ()
 ) -> Place:
     """Return the highest local maximum found.
 

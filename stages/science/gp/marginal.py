@@ -117,12 +117,7 @@ class MarginalGP(MarginalModel):
 
 
 def condition(
-    inputs: Array,
-    outputs: Array,
-    theta: Array,
-    prior: Hyperprior,
-    mean: str = "zero",
-    covariance: Array | None = None,
+    inputs: Array, outputs: Array, theta: Array, prior: Hyperprior, mean: str = "zero", covariance: Array | None = None
 ) -> MarginalGP:
     """Return the model at a given theta, without a search; takes what `fit` and `MarginalGP` do."""
     return MarginalGP(LogPosterior(inputs, outputs, prior, mean), theta, covariance)

@@ -157,11 +157,7 @@ class MarginalModel(ABC):
         return moments.mean, PredictiveTerms(moments.variance, q, self.noise_variance, by_mean, variance, noise)
 
     def _gather(
-        self,
-        points: Array,
-        rows: int,
-        evaluate: Callable[[ChunkPredictor, Array], Array],
-        memory_mb: float = MEMORY_MB,
+        self, points: Array, rows: int, evaluate: Callable[[ChunkPredictor, Array], Array], memory_mb: float = MEMORY_MB
     ) -> Array:
         points = self._check(points)
         size = self._chunk_size(memory_mb)

@@ -143,8 +143,7 @@ class Draw:
 
     def predict(self, v: Array) -> Array:
         """Return the mean, (B,), from v (N, B)."""
-        mean: Array = self.residual @ v + self.read.mean
-        return mean
+        return np.asarray(self.residual @ v + self.read.mean)
 
     def predict_jointly(self, paths: Array) -> tuple[Array, Array]:
         """Return the mean (R, T) of the noisy outputs along paths, and the lower factors (R, T, T) of covariances."""

@@ -74,5 +74,4 @@ def trajectory_utility(
                 f"utility: {JOINT} takes exact models, got a {type(model).__name__}, which scores points one by one; "
                 f"use one of {', '.join(UTILITIES)}"
             )
-    total: Array = np.sum(scores, axis=0)
-    return total
+    return np.asarray(np.sum(scores, axis=0))

@@ -68,8 +68,7 @@ class SparseMarginalGP(MarginalModel):
             np.array([self.posterior.derivatives(self.pseudo, self.theta + sign * each).theta for each in steps])
             for sign in (1.0, -1.0)
         )
-        curvature: Array = (above - below) / (2.0 * STEP)
-        return curvature
+        return np.asarray((above - below) / (2.0 * STEP))
 
     @property
     def _jitter_repair(self) -> str:

@@ -52,5 +52,4 @@ def task_utility(
     scores = [
         gain(model, task).score(inputs, count) for model, task, inputs in zip(models, tasks, candidates, strict=True)
     ]
-    total: Array = np.sum(scores, axis=0)
-    return total
+    return np.asarray(np.sum(scores, axis=0))

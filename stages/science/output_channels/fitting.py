@@ -173,15 +173,13 @@ class Fit:
         The fit may have been made under another noise, so only the spread of the resampled values is used.
         """
         equal = self.change_without(np.ones((1, weights.shape[1])))
-        drawn: Array = np.clip(self.values + self.change_without(weights) - equal, *self.model.bounds)
-        return drawn
+        return np.asarray(np.clip(self.values + self.change_without(weights) - equal, *self.model.bounds))
 
     def leave_each_out(self) -> Array:
         """Return each trial's residual when it is left out of the fit, (T, K) ndarray."""
         changes = self.change_without(1.0 - np.eye(len(self.white.square)))
         moved = np.matmul(self.slopes.transpose(1, 0, 2), changes[:, :, None])[:, :, 0]
-        residual: Array = self.residual - moved.T
-        return residual
+        return np.asarray(self.residual - moved.T)
 
 
 def _weigh_cost(model: Model, values: Array, residual: Array, collector: Collector, noise: Noise | TrialNoise) -> float:
@@ -258,5 +256,4 @@ def find_least(curvature: Array, gradient: Array, scale: Array, low: Array, high
     if ((free >= low) & (free <= high)).all():
         return free
     tight = (np.minimum(low / scale, -1e-12), np.maximum(high / scale, 1e-12))
-    found: Array = lsq_linear(factor.T, target, bounds=tight, method="bvls").x * scale
-    return found
+    return np.asarray(lsq_linear(factor.T, target, bounds=tight, method="bvls").x * scale)

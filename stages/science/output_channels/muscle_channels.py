@@ -329,8 +329,7 @@ class ForceChannel(MuscleChannel):
 
 def _scale(shares: Array, seen: Array) -> Array:
     """Return what runs through these shares of the range of the values seen."""
-    scaled: Array = seen.min() + shares * np.ptp(seen)
-    return scaled
+    return np.asarray(seen.min() + shares * np.ptp(seen))
 
 
 def _name_effects(effects: Placed) -> list[tuple[ChainEffect, Mapping[str, float]]]:

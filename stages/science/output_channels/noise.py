@@ -83,15 +83,13 @@ def whiten(values: Array, present: NDArray[np.bool_], noise: Noise, step_s: floa
     Values are those of Q signals in K trials of T samples, (T, K, Q); where not present, (T, K), nothing is taken in
     and zero comes out.
     """
-    white: Array = _whiten_trials(np.ascontiguousarray(values), present, np.array(noise), step_s)[0]
-    return white
+    return np.asarray(_whiten_trials(np.ascontiguousarray(values), present, np.array(noise), step_s)[0])
 
 
 def log_density(residual: Array, present: NDArray[np.bool_], noise: Noise, step_s: float) -> Array:
     """Return the log density of each trial's residual, (K,) ndarray, up to the constant of the normal density."""
     white, log_scale = _whiten_trials(np.ascontiguousarray(residual[:, :, None]), present, np.array(noise), step_s)
-    density: Array = -0.5 * (white**2).sum(axis=(0, 2)) - log_scale
-    return density
+    return np.asarray(-0.5 * (white**2).sum(axis=(0, 2)) - log_scale)
 
 
 def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float, limits: DetectionSettings) -> Noise:

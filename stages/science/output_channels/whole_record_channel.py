@@ -19,13 +19,7 @@ from stages.science.output_channels.exact_values import Levels, find_levels
 from stages.science.output_channels.features import evaluate_map
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import make_plain
-from stages.science.output_channels.output_channel import (
-    Case,
-    DetectionSettings,
-    Driver,
-    OutputChannel,
-    Placed,
-)
+from stages.science.output_channels.output_channel import Case, DetectionSettings, Driver, OutputChannel, Placed
 from stages.science.output_channels.records import bridge, bridge_short, spread_records, thin_out
 from stages.science.plant.effect import NamedEffect, list_effects
 from stages.science.plant.effect_config import list_effects_at

@@ -157,8 +157,7 @@ class ElementPlant(RecordPlant):
 
     def press(self, signals: Signals) -> Array:
         """Return the mean size of the signals that press."""
-        pressing: Array = np.mean([np.abs(signals[name]) for name in self.pressing if name], axis=0)
-        return pressing
+        return np.asarray(np.mean([np.abs(signals[name]) for name in self.pressing if name], axis=0))
 
     def refine(self, signals: Signals, step_s: float) -> Signals:
         """Return signals (T, R) with the displacement, and its rate per second."""

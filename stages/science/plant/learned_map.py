@@ -106,8 +106,7 @@ class LearnedMap(Declared):
         for point, weight in zip(self.points, self.weights, strict=True):
             places = zip(held, point, lengths, strict=True)
             added += weight * np.exp(-0.5 * sum(((values - at) / length) ** 2 for values, at, length in places))
-        faded: Array = np.clip(added, self.lowest, self.highest) * np.exp(-0.5 * sum(each**2 for each in away))
-        return faded
+        return np.asarray(np.clip(added, self.lowest, self.highest) * np.exp(-0.5 * sum(each**2 for each in away)))
 
     def share_outside(self, signals: Mapping[str, Array], present: NDArray[np.bool_]) -> float:
         """Return the share of the samples present at which an input is beyond the range where the map was learnt."""
