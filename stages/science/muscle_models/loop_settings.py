@@ -26,18 +26,6 @@ MOST_POINTS = 2000
 """Points of an exact GP, beyond which its covariance (8 N^2 bytes, 32 MB) and the N^3 / 3 operations of each of the
 thousands of steps in which hyperparameters are sought take a day for each trial of each arm."""
 
-Named = Literal[
-    "y_y",
-    "f_f",
-    "f_y",
-    "y_y_theta",
-    "hyperparameter_information",
-    "log_det",
-    "variance",
-    "integrated_variance",
-    "predictive_information",
-    "random",
-]
 NamedForSamples = Literal[
     "y_y",
     "f_f",
@@ -49,6 +37,7 @@ NamedForSamples = Literal[
     "predictive_information",
     "random",
 ]
+Named = Literal[NamedForSamples, "log_det"]
 
 
 def _read_own(value: Any, read: ValidatorFunctionWrapHandler) -> Any:
