@@ -137,7 +137,8 @@ class Interaction(Knowledge):
     @cached_property
     def _gains(self) -> tuple[TaskGain, ...]:
         gain = TASK_UTILITIES[self.design.utility]
-        return tuple(gain(*each) for each in zip(self.models, map(_thin_task, self.tasks), strict=True))
+        tasks = (each[:: max(1, len(each) // SOURCE_TASK)] for each in self.tasks)
+        return tuple(gain(*each) for each in zip(self.models, tasks, strict=True))
 
     def tell(
         self,
@@ -197,7 +198,3 @@ class Interaction(Knowledge):
         for row in generator.choice(len(x), count, replace=False):
             taken.append(int(row) if displace is None else displace(int(row), taken))
         return np.array(taken, dtype=np.intp)
-
-
-def _thin_task(task: Array) -> Array:
-    return task[:: max(1, len(task) // SOURCE_TASK)]

@@ -87,11 +87,7 @@ class LogPosterior:
             covariance, factor, z, a, outer = self._weigh(read)
             weighed = outer * covariance
             lengths = 0.5 * (self._squares.reshape(d, -1) @ weighed.ravel()) / read.lengths**2
-            rest = [
-                weighed.sum(),
-                read.noise_variance * np.trace(outer),
-                *([a.sum()] if self.mean == "constant" else []),
-            ]
+            rest = [weighed.sum(), read.noise_variance * np.trace(outer), a.sum()][: self.prior.mean.size - d]
             value = _log_likelihood(factor, z) + self.prior.log_density(theta)
             gradient = np.append(lengths, rest) + self.prior.gradient(theta)
         if not (np.isfinite(value) and np.isfinite(gradient).all()):

@@ -66,13 +66,9 @@ class MuscleSet:
 
     def standardise(self, samples: pd.DataFrame) -> tuple[list[Array], list[Array]]:
         """Return each muscle's inputs (N, D) and outputs (N,) from rows with a muscle column."""
-        inputs, outputs = [], []
         samples = samples[["muscle", *self.scalings[0].inputs, MODEL_OUTPUT]]
-        for name, constants in zip(self.names, self.scalings, strict=True):
-            rows = samples[samples["muscle"] == name]
-            inputs.append(constants.inputs_of(rows))
-            outputs.append(constants.output_of(rows))
-        return inputs, outputs
+        own = [(each, samples[samples["muscle"] == name]) for name, each in zip(self.names, self.scalings, strict=True)]
+        return [scaling.inputs_of(rows) for scaling, rows in own], [scaling.output_of(rows) for scaling, rows in own]
 
     def resume(
         self,

@@ -167,7 +167,8 @@ class MuscleChannel(OutputChannel):
 
     def find_counts(self, constants: Mapping[str, float]) -> Counts | None:
         """Return the counts that the values of this channel's sensor show, as far as an effect has such."""
-        step = find_count(self._readings, self.limits)
+        shown = self.records.readings[self.channel]
+        step = find_count(shown[np.isfinite(shown)], self.limits)
         if step is None:
             return None
         form = next(each for each in self.forms if each.name == QUANTISATION)
@@ -175,15 +176,9 @@ class MuscleChannel(OutputChannel):
         told = step if size.unit == self.unit else step / full
         if told > size.high:
             return None
-        second = np.diff(self.records.readings[self.channel], 2, axis=0)  # of white noise, six times its square
+        second = np.diff(shown, 2, axis=0)  # of white noise, six times its square
         white = float(np.nanmean(second**2)) / 6.0
         return Counts(form, {size.name: told}, step, white * (1.0 - white_share(self.averaged)))
-
-    @property
-    def _readings(self) -> Array:
-        """What the sensor showed, (N,)."""
-        shown = self.records.readings[self.channel]
-        return shown[np.isfinite(shown)]
 
     @cached_property
     def _level(self) -> float | None:

@@ -94,12 +94,11 @@ class WholeRecordChannel(OutputChannel):
         taken = {entry.name for entry in self.plant.effects}
         found = list_effects_at(self.plant.SITE, [name for name in list_effects() if name not in taken])
         below_zero = self.measured[self.present].min(initial=0.0) < -BELOW * self.range
-        forms = []
-        for each in found:
-            if not self.plant.offers(each) or (getattr(each, "unsigned", False) and below_zero):
-                continue
-            forms.append(self._read_level(replace(each, scales=each.scales and not self.plant.drifts, tried=True)))
-        return tuple(forms)
+        return tuple(
+            self._read_level(replace(each, scales=each.scales and not self.plant.drifts, tried=True))
+            for each in found
+            if self.plant.offers(each) and not (getattr(each, "unsigned", False) and below_zero)
+        )
 
     def _read_level(self, form: NamedEffect) -> NamedEffect:
         """Return a form with the parameter at the level that exact values show, if they do."""
@@ -173,6 +172,7 @@ class WholeRecordChannel(OutputChannel):
     @cached_property
     def _groups(self) -> list[_Group]:
         """Records that have a block, those of one length together."""
+        begins_s = {record: at for (record, _), at in zip(self.places, self.start_s - self.record_start_s, strict=True)}
         lengths: dict[int, list[int]] = {}
         for record in self._used:
             lengths.setdefault(len(self.records[record][self.plant.output]), []).append(record)
@@ -186,7 +186,7 @@ class WholeRecordChannel(OutputChannel):
                 output = np.where(np.arange(length)[:, None] < self.head, signals[self.plant.output], np.nan)
             signals[self.plant.output] = output
             begun = InitialState(*np.concatenate([self.begun[record] for record in records], axis=1))
-            start_s = np.array([self._begins_s[record] for record in records])
+            start_s = np.array([begins_s[record] for record in records])
             groups.append(_Group(tuple(records), start_s, self.plant.refine(signals, self.step_s), begun))
         return groups
 
@@ -194,13 +194,6 @@ class WholeRecordChannel(OutputChannel):
     def record_start_s(self) -> Array:
         """Start of each block in its record, (K,), s."""
         return np.array([first for _, first in self.places]) * self.step_s
-
-    @cached_property
-    def _begins_s(self) -> dict[int, float]:
-        """Start of the records that have a block in the session, s."""
-        return {
-            record: float(at) for (record, _), at in zip(self.places, self.start_s - self.record_start_s, strict=True)
-        }
 
     @cached_property
     def _shown(self) -> dict[int, Array]:
@@ -257,8 +250,7 @@ class WholeRecordChannel(OutputChannel):
         lags = most // len(self.plant.inputs)
         columns = []
         for name in self.plant.inputs:
-            whole = {record: self.records[record][name] for record in self._used}
-            centred = {record: values - values.mean() for record, values in whole.items()}
+            centred = {k: self.records[k][name] - self.records[k][name].mean() for k in self._used}
             for lag in range(lags):
                 late = {k: np.concatenate([np.zeros(lag), each])[: len(each)] for k, each in centred.items()}
                 columns.append(self._cut(late))
