@@ -48,13 +48,7 @@ ENDS = (
 
 
 def _find_ends(parameters: Values) -> dict[str, float]:
-    """Return the ends that there are, by name.
-
-    Raises
-    ------
-    ValueError
-        When there is none, or the lowest is not below the highest.
-    """
+    """Return the ends that there are, by name; a `ValueError` tells none, or a lowest that is not below the highest."""
     ends = {end: parameters[end] for end in ("lowest", "highest") if end in parameters}
     if not ends:
         raise ValueError("effect saturation: expected lowest, highest or both, in scales of the output, got neither")

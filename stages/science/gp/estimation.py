@@ -95,14 +95,9 @@ def find_map(
 ) -> Place:
     """Return the highest local maximum found.
 
-    The generator draws so many starts from the hyperprior, beside its mean; the (P,) warm starts are always climbed.
-
-    Raises
-    ------
-    ValueError
-        When a warm start has the wrong shape.
-    FactorisationError
-        When no start has a covariance that can be factorised.
+    The generator draws so many starts from the hyperprior, beside its mean; the (P,) warm starts are always climbed. A
+    `ValueError` tells a warm start of the wrong shape, a `FactorisationError` that no start has a covariance that can
+    be factorised.
     """
     for theta in warm_starts:
         if np.shape(theta) != posterior.prior.mean.shape:

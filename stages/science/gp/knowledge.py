@@ -104,10 +104,8 @@ class Knowledge(ABC):
     ) -> Self:
         """Identify every muscle's model from the initial data; one generator for each muscle's starts.
 
-        Raises
-        ------
-        ValueError
-            When a muscle is missing, a used trajectory is not in the bank, or pseudo-inputs outnumber the data.
+        A `ValueError` tells a missing muscle, a used trajectory that is not in the bank, and pseudo-inputs that
+        outnumber the data.
         """
         check_muscles(len(priors), candidates, inputs, outputs, generators)
         check_trajectories("used: expected trajectories 0 to", used, candidates)
@@ -193,13 +191,7 @@ class Knowledge(ABC):
         return tuple(exchanged)
 
     def inputs_of(self, choice: Choice) -> tuple[Array, ...]:
-        """Return each muscle's inputs (T, D) along a choice.
-
-        Raises
-        ------
-        ValueError
-            When there is no such trajectory.
-        """
+        """Return each muscle's inputs (T, D) along a choice; a `ValueError` says that there is no such trajectory."""
         check_trajectories("trajectory: expected 0 to", [choice.trajectory, *choice.sources], self.candidates)
         chosen, columns = [each[choice.trajectory] for each in self.candidates], list(self.design.exchanged)
         for place, source in enumerate(choice.sources):

@@ -89,12 +89,8 @@ class SparsePosterior:
     def condition(self, pseudo: Array, theta: Array) -> Conditioned:
         """Return all that the likelihood, its gradient and predictions share.
 
-        Raises
-        ------
-        ValueError
-            When a shape does not fit or a pseudo-input is not finite.
-        FactorisationError
-            When theta is out of range or the noise too low for a trustworthy result.
+        A `ValueError` tells a shape that does not fit or a pseudo-input that is not finite, a `FactorisationError` a
+        theta out of range or a noise too low for a trustworthy result.
         """
         read = read_theta(theta, self.inputs.shape[1], self.size)
         pseudo = check_points(pseudo, self.inputs.shape[1], "pseudo-inputs")

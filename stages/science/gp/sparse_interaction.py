@@ -93,12 +93,8 @@ class SparseInteraction(Knowledge):
     ) -> Self:
         """Append all samples of a trial and identify every model again, from its last pseudo-inputs and theta.
 
-        Takes what `Interaction.tell` takes; a climb from where a model was draws nothing.
-
-        Raises
-        ------
-        ValueError
-            When a muscle is missing or the trajectory is not in the bank.
+        Takes what `Interaction.tell` takes; a climb from where a model was draws nothing. A `ValueError` tells a
+        missing muscle, and a trajectory that is not in the bank.
         """
         check_muscles(len(self.priors), inputs, outputs, generators)
         check_trajectories("trajectory: expected 0 to", [trajectory], self.candidates)

@@ -65,10 +65,8 @@ class LinearMuscleModel:
         elsewhere are a convention; an input that never changed changes no force. Columns of the design are those of
         inputs in [-1, 1], of like size and nearly independent; coefficients follow by an exact change of basis.
 
-        Raises
-        ------
-        ValueError
-            When arrays are not vectors of one length, are empty, or a value is not finite or absurdly large.
+        A `ValueError` tells arrays that are empty or not vectors of one length, and a value that is not finite or
+        absurdly large.
         """
         pressure, contracted, force = (np.asarray(each, dtype=float) for each in (pressure_kpa, contraction, force_n))
         if not pressure.shape == contracted.shape == force.shape or force.ndim != 1 or not force.size:
@@ -116,10 +114,7 @@ class LinearMuscleModel:
     def predict(self, pressure_kpa: ArrayLike, contraction: ArrayLike) -> Array:
         """Return the force, N, by pressure (kPa gauge) and contraction, two arrays of one shape; NaN where one is NaN.
 
-        Raises
-        ------
-        ValueError
-            When shapes differ or a value is absurdly large.
+        A `ValueError` tells shapes that differ and a value that is absurdly large.
         """
         pressure, contracted = np.asarray(pressure_kpa, dtype=float), np.asarray(contraction, dtype=float)
         if pressure.shape != contracted.shape:

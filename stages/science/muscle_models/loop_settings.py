@@ -116,10 +116,8 @@ class LoopSettings(DesignSettings):
     def check_against(self, section: str, movements: int, samples: int) -> Self:
         """Return the settings of a section if a bank of so many movements, of so many samples each, can serve them.
 
-        Raises
-        ------
-        ValueError
-            When the bank has too few movements for all trials, or a trial too few samples for what is taken from it.
+        A `ValueError` tells a choice that asks for a task, a bank of too few movements for all trials, and a trial of
+        too few samples for what is taken from it.
         """
         for key in ("utility", "subsample_utility"):
             chosen = getattr(self, key)

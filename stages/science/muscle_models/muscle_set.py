@@ -123,12 +123,8 @@ class RecordedModels:
         """Return a model as it stood after a trial, from this muscle's rows of one experiment and arm.
 
         `model` are those of the table `models` after one trial, `points` those of the table `points` of this trial and
-        earlier ones at least; those of later trials are left out.
-
-        Raises
-        ------
-        ValueError
-            When the rows of `model` are those of several trials, or of none.
+        earlier ones at least; those of later trials are left out. A `ValueError` tells rows of `model` of several
+        trials, or of none.
         """
         trials = [int(each) for each in model["trial"].unique()]
         if len(trials) != 1:

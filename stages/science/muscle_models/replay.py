@@ -34,12 +34,7 @@ def displace(
 
     d is rounded to a sample, `period_s` apart. It is drawn again when the sample lies outside the trial of so many,
     farther from t than the amplitude, or was taken from this trial before; each d takes one uniform number, whatever
-    the amplitude.
-
-    Raises
-    ------
-    ValueError
-        When every sample within reach was taken.
+    the amplitude. A `ValueError` says that every sample within reach was taken.
     """
     reach = int(np.floor(amplitude_s / period_s + ROUNDING))
     free = set(range(max(0, row - reach), min(samples - 1, row + reach) + 1)).difference(taken)
@@ -67,10 +62,7 @@ class Replay:
     def read(cls, muscles: MuscleSet, bank: pd.DataFrame) -> Replay:
         """Gather the bank's recordings by muscle and movement.
 
-        Raises
-        ------
-        ValueError
-            When its movements are not those that may be chosen.
+        A `ValueError` says that its movements are not those that may be chosen.
         """
         recorded = [int(each) for each in bank["trajectory"].unique()]
         if recorded != muscles.trajectories:

@@ -98,12 +98,8 @@ def estimate_noise(residual: Array, present: NDArray[np.bool_], step_s: float, l
     White noise has a lower bound: without it a residual would be judged by its steps alone, and a simulation whose
     steps come one sample early or late would be worse than one without steps.
 
-    The residual is what a flexible model leaves, (T, K), ignored where not present.
-
-    Raises
-    ------
-    ValueError
-        When fewer than ten samples are present.
+    The residual is what a flexible model leaves, (T, K), ignored where not present; a `ValueError` says that fewer than
+    ten samples are present.
     """
     from scipy.optimize import minimize
 

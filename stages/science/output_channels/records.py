@@ -17,12 +17,7 @@ SHARPENED = 24.0
 def spread_records(signals: pd.DataFrame, names: Sequence[str]) -> tuple[dict[str, pd.DataFrame], float]:
     """Return each record's signals, a column each, by evenly spaced times; and the time between samples, s.
 
-    Records are in the order in which they come.
-
-    Raises
-    ------
-    ValueError
-        When one of the named signals is missing or has no values.
+    Records are in the order in which they come. A `ValueError` tells a named signal that is missing or has no values.
     """
     wide = signals.pivot(index=["record", "time_s"], columns="signal", values="value")
     for name in names:

@@ -14,10 +14,7 @@ BENDING = ("acting_pressure_kpa", "contraction", "force_n", "tension_n")
 class Chain(ActuatorPath):
     """Muscles and valves of an exoskeleton under a plant's constants and effects, in a trial begun at `start_s`, s.
 
-    Raises
-    ------
-    ValueError
-        When the plant does not fit the machine.
+    A `ValueError` says that the plant does not fit the machine.
     """
 
     def __init__(self, exoskeleton: Exoskeleton, plant: Plant, start_s: float = 0.0):

@@ -194,11 +194,8 @@ def name_module(effect: str) -> str:
 def list_forms(name: str) -> tuple[Effect, ...]:
     """Return an effect's forms, the usual one first.
 
-    Raises
-    ------
-    ValueError
-        When there is no such effect, offering the nearest name; or when no fit and no simulation could use what its
-        module declares.
+    A `ValueError` says that there is no such effect, offering the nearest name, or that no fit and no simulation could
+    use what its module declares.
     """
     known = list_effects()
     if name not in known:
@@ -219,10 +216,7 @@ def list_forms(name: str) -> tuple[Effect, ...]:
 def find_effect(name: str, form: str | None = None) -> Effect:
     """Return an effect by name, in the form given or its usual one.
 
-    Raises
-    ------
-    ValueError
-        When there is none, offering the nearest name.
+    A `ValueError` says that there is none, offering the nearest name.
     """
     forms = list_forms(name)
     for effect in forms:

@@ -40,13 +40,7 @@ class NominalConstant(Declared):
         return self.model_copy(update={"start": min(max(start, low), high), "low": low, "high": high, "sd": sd})
 
     def as_parameter(self, name: str, description: str) -> Parameter:
-        """Return what a fit takes.
-
-        Raises
-        ------
-        ValueError
-            While its bounds are open.
-        """
+        """Return what a fit takes; a `ValueError` says that its bounds are open."""
         if self.start is None or self.low is None or self.high is None or self.sd is None:
             raise ValueError(f"constant {name}: its bounds are the data's own, and there are no data yet")
         return Parameter(name, self.unit, self.low, self.high, self.start, self.sd, description, starts=(self.start,))
@@ -68,10 +62,7 @@ def infer_from_data(constants: type[BaseModel]) -> dict[str, Any] | None:
 def check_parameters(effect: Effect, values: Mapping[str, Any]) -> dict[str, float]:
     """Return an effect's parameters as floats, in declared order.
 
-    Raises
-    ------
-    ValueError
-        For one that is unknown, missing though not optional, no number or out of bounds.
+    A `ValueError` tells one that is unknown, missing though not optional, no number or out of bounds.
     """
     declared = {parameter.name: parameter for parameter in effect.parameters}
     for name in values:
@@ -140,13 +131,7 @@ def list_effects_at(site: str, names: Any) -> list[Effect]:
 
 
 def find_effect_at(site: str, name: str, form: str | None) -> Effect:
-    """Return an effect that acts at a site, in the form given or its first.
-
-    Raises
-    ------
-    ValueError
-        When there is none.
-    """
+    """Return an effect that acts at a site, in the form given or its first; a `ValueError` says that there is none."""
     for effect in list_forms(name) if form is None else (find_effect(name, form),):
         if effect.site == site:
             return effect

@@ -89,10 +89,7 @@ class LearnedMap(Declared):
     def evaluate(self, signals: Mapping[str, Array]) -> Array:
         """Return what is added to the channel, in its unit, of its inputs by name, which have one shape.
 
-        Raises
-        ------
-        ValueError
-            When an input is not among the signals.
+        A `ValueError` tells an input that is not among the signals.
         """
         for each in self.inputs:
             if each.name not in signals:

@@ -54,12 +54,8 @@ def list_signals() -> dict[str, dict[str, SignalKey]]:
 def read_machine(section: Any) -> Plant | RecordPlant:
     """Return a section of the configuration as the model of its kind; muscles have none.
 
-    Raises
-    ------
-    ValidationError
-        When the model refuses it.
-    ValueError
-        When there is no such kind, or its file lacks what every machine has to tell.
+    A `ValidationError` tells what the model refuses, a `ValueError` that there is no such kind, or that its file lacks
+    what every machine has to tell.
     """
     if isinstance(section, Plant | RecordPlant):
         return section

@@ -44,11 +44,8 @@ class Participant(Declared):
     def check_against(self, exoskeleton: Exoskeleton, samples: int) -> Self:
         """Return the participant if what they do shows in a trial of so many samples, with what is held before it.
 
-        Raises
-        ------
-        ValueError
-            When a frequency is at or above half the sampling rate (Shannon's theorem), a band lies between the
-            frequencies that a trial resolves, or the delay is as long as a trial.
+        A `ValueError` tells a frequency at or above half the sampling rate (Shannon's theorem), a band between the
+        frequencies that a trial resolves, and a delay as long as a trial.
         """
         rate = exoskeleton.sampling_rate_hz
         bands = {"noise_hz": (0.0, self.noise_hz), "tremor_high_hz": (self.tremor_low_hz, self.tremor_high_hz)}

@@ -119,11 +119,8 @@ class Plant(Declared):
     def check_against(self, exoskeleton: Exoskeleton) -> Self:
         """Return the plant if it fits the machine.
 
-        Raises
-        ------
-        ValueError
-            When a muscle has no constants, an effect names a muscle or joint that does not exist, or a joint has one
-            effect twice.
+        A `ValueError` tells a muscle without constants, an effect of a muscle or joint that does not exist, an effect
+        that a joint has twice, and a learned map of what does not exist.
         """
         for muscle in exoskeleton.muscles:
             self.find_model(muscle.name, muscle.type)
@@ -153,10 +150,7 @@ class Plant(Declared):
     def find_model(self, name: str, kind: str) -> MuscleModel:
         """Return the constants of a muscle of a name and a type: its own, else its type's.
 
-        Raises
-        ------
-        ValueError
-            When there are neither.
+        A `ValueError` says that there are neither.
         """
         for key in (name, kind):
             if key in self.muscles:

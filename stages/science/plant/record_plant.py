@@ -199,13 +199,7 @@ class RecordPlant(Declared):
         return self.ELEMENT or self.kind
 
     def know(self, scale: str) -> float:
-        """Return a scale.
-
-        Raises
-        ------
-        ValueError
-            While it is open.
-        """
+        """Return a scale; a `ValueError` says that it is open."""
         value: float | None = getattr(self, scale)
         if value is None:
             raise ValueError(f"{scale}: it is the data's own, and there are no data yet")
@@ -274,12 +268,8 @@ class RecordPlant(Declared):
     def resolve_from_data(self, records: Sequence[Signals], step_s: float) -> Self:
         """Return the plant with scales and constants, where they were left open, from recorded signals.
 
-        Of each record, inputs and output by name, (N_r,) without gaps, sampled every `step_s`, s.
-
-        Raises
-        ------
-        ValueError
-            When constants are open that `guess` does not tell.
+        Of each record, inputs and output by name, (N_r,) without gaps, sampled every `step_s`, s. A `ValueError` tells
+        constants that are open and that `guess` does not tell.
         """
         own = self.find_scales(records, step_s)
         scales = {name: value if getattr(self, name) is None else getattr(self, name) for name, value in own.items()}
@@ -399,10 +389,7 @@ class RecordPlant(Declared):
 def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effect, Values]]) -> Terms:
     """Return the terms of several effects at a site, as a named tuple of a kind.
 
-    Raises
-    ------
-    ValueError
-        When an effect acts elsewhere, or two share a term.
+    A `ValueError` tells an effect that acts elsewhere, and two that share a term.
     """
     found: dict[str, float] = {}
     for effect, values in effects:
