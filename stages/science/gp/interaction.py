@@ -116,12 +116,8 @@ class Interaction(Knowledge):
         """
         thinned, count = self._thin([each[None] for each in self.inputs_of(choice)])
         check_muscles(len(self.priors), self.tasks, told="tasks: ")
-        return np.array(
-            [
-                TaskVariance(model, task).pick(inputs[0], count)[1]
-                for model, task, inputs in zip(self.models, self.tasks, thinned, strict=True)
-            ]
-        )
+        muscles = zip(self.models, self.tasks, thinned, strict=True)
+        return np.array([TaskVariance(model, task).pick(inputs[0], count)[1] for model, task, inputs in muscles])
 
     def weigh(self, muscle: int, inputs: Array) -> float:
         """Return the utility of (T, D) inputs for one muscle, for about `SOURCE_TASK` inputs of its task."""
@@ -129,10 +125,8 @@ class Interaction(Knowledge):
         if design.utility in TASK_UTILITIES:
             (thinned,), count = self._thin([trajectory])
             return float(self._gains[muscle].score(thinned, count)[0])
-        own = [self.models[muscle]]
-        return float(
-            trajectory_utility(own, [trajectory], design.utility, design.reduce, design.memory_mb, self.stride)[0]
-        )
+        how = design.utility, design.reduce, design.memory_mb, self.stride
+        return float(trajectory_utility([self.models[muscle]], [trajectory], *how)[0])
 
     @cached_property
     def _gains(self) -> tuple[TaskGain, ...]:

@@ -76,13 +76,9 @@ class MarginalGP(MarginalModel):
 
     def grow(self, inputs: Array, outputs: Array) -> MarginalGP:
         """Return the model conditioned on more data, theta and S held."""
-        posterior = LogPosterior(
-            np.vstack([self.inputs, inputs]),
-            np.concatenate([self.posterior.outputs, outputs]),
-            self.posterior.prior,
-            self.posterior.mean,
-        )
-        return MarginalGP(posterior, self.theta, self.laplace.covariance)
+        known = self.posterior
+        data = np.vstack([known.inputs, inputs]), np.concatenate([known.outputs, outputs])
+        return condition(*data, self.theta, known.prior, known.mean, self.laplace.covariance)
 
     def whiten(self, points: Array) -> Array:
         """Return L^-1 k(X, x*) of (B, D) points, (N, B), by which the data explain their covariance."""

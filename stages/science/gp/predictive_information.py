@@ -25,18 +25,15 @@ class InformationGained(Gains):
 
     def of(self, noisy: Array) -> Array:
         """Return the mean information of a measurement at each row, (T,)."""
-        return self._tell(np.square(self._across) / noisy[:, None])
+        return tell(np.square(self._across) / noisy[:, None], self._task, self._noise)
 
     def take(self, own: Array, along: Array) -> float:
         """Condition on one more pick and return what it told."""
         taken = np.square(along[-1])
-        told = float(self._tell(taken[None])[0])
+        told = float(tell(taken[None], self._task, self._noise)[0])
         self._across -= np.outer(own[-1], along[-1])
         self._task = np.maximum(self._task - taken, self._noise)
         return told
-
-    def _tell(self, taken: Array) -> Array:
-        return tell(taken, self._task, self._noise)
 
 
 class TaskInformation(TaskGain):

@@ -57,23 +57,14 @@ class SparseInteraction(Knowledge):
     def _identify(
         self, inputs: tuple[Array, ...], outputs: tuple[Array, ...], generators: Sequence[np.random.Generator]
     ) -> Self:
-        design = self.design
-        first = not self.thetas
-        warm = [[]] * len(self.priors) if first else [[each] for each in zip(self.pseudo, self.thetas, strict=True)]
-        starts, iterations = design.starts if first else 0, design.first_iterations if first else design.iterations
+        design, mean, first, muscles = self.design, self.design.mean, not self.thetas, len(self.priors)
+        counts = [design.pseudo_inputs] * muscles if first else [len(each) for each in self.pseudo]
+        warm = [[]] * muscles if first else [[each] for each in zip(self.pseudo, self.thetas, strict=True)]
+        starts, iterations = (design.starts, design.first_iterations) if first else (0, design.iterations)
+        known = zip(inputs, outputs, counts, self.priors, generators, warm, strict=True)
         found = [
-            fit_sparse(
-                x,
-                y,
-                design.pseudo_inputs if first else len(last[0][0]),
-                prior,
-                design.mean,
-                generator=each,
-                starts=starts,
-                warm_starts=last,
-                iterations=iterations,
-            )
-            for x, y, prior, last, each in zip(inputs, outputs, self.priors, warm, generators, strict=True)
+            fit_sparse(x, y, count, prior, mean, generator=each, starts=starts, warm_starts=last, iterations=iterations)
+            for x, y, count, prior, each, last in known
         ]
         thetas, pseudo = tuple(each.theta for each in found), tuple(each.pseudo for each in found)
         return replace(self, inputs=inputs, outputs=outputs, thetas=thetas, pseudo=pseudo)

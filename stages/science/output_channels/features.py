@@ -35,10 +35,9 @@ def build_features(output: OutputChannel) -> Array:
     own = [(each, _standardise(each.values)) for each in drivers if each.own]
     states = [signal for driver, signal in own if not driver.rate]
     rates = [signal for driver, signal in own if driver.rate]
-    columns: list[Array] = []
-    for degree in (1, 2, 3):
-        for chosen in combinations_with_replacement([signal for _, signal in own], degree):
-            columns.append(np.prod(chosen, axis=0))
+    signals = [signal for _, signal in own]
+    products = (chosen for degree in (1, 2, 3) for chosen in combinations_with_replacement(signals, degree))
+    columns: list[Array] = [np.prod(chosen, axis=0) for chosen in products]
     scales = [np.ones_like(own[0][1]), *states]
     for driver, signal in own:
         columns += [each * scale for each in _list_past(driver, signal, step) for scale in scales]
@@ -51,7 +50,7 @@ def build_features(output: OutputChannel) -> Array:
     changes = [signal - lag(signal, LAGS[1], step) for signal in states]
     for each in [driver for driver in drivers if not driver.own]:
         aside = _standardise(each.values)
-        columns += [*_look_aside(aside, step), *(aside * signal for _, signal in own)]
+        columns += [*_look_aside(aside, step), *(aside * signal for signal in signals)]
         columns += [aside * change for change in changes]
         columns += [np.abs(aside), np.abs(aside) * own[0][1]]
     columns += _session(output, states)

@@ -172,9 +172,8 @@ class MotionPlant(RecordPlant):
     def resolve_from_data(self, records: Sequence[Signals], step_s: float) -> Self:
         """Return the plant with the scales and constants that were left open; see `RecordPlant.resolve_from_data`."""
         outputs = [each[self.output] for each in records]
-        spans = [float(np.ptp(each)) for each in outputs]
         usual_s = self.time_scale_s or max(find_pace(outputs, step_s), step_s)
-        scale = self.output_scale or max(0.5 * max(spans), 1e-12)
+        scale = self.output_scale or max(0.5 * max(float(np.ptp(each)) for each in outputs), 1e-12)
         opened = self.model_copy(update={"output_scale": scale, "time_scale_s": usual_s})
         if all(each.start is not None for each in self.nominal.values()):
             return opened
@@ -200,9 +199,9 @@ class MotionPlant(RecordPlant):
     def _guess_constants(self, records: Sequence[Signals], step_s: float, begun: InitialState) -> Self:
         """Return the plant with constants told by records through filters of its pace."""
         tau_s = max(self.FILTER * self.know("time_scale_s"), FINEST_FILTER * step_s)
-        names = (*self.inputs, self.output)
         filtered = {
-            name: [filter_derivatives(each[name], self.ORDER, tau_s, step_s) for each in records] for name in names
+            name: [filter_derivatives(each[name], self.ORDER, tau_s, step_s) for each in records]
+            for name in (*self.inputs, self.output)
         }
         ones = [np.ones(len(each[self.output])) for each in records]
         filtered[""] = [filter_derivatives(each, self.ORDER, tau_s, step_s) for each in ones]
@@ -220,8 +219,7 @@ class MotionPlant(RecordPlant):
 
     def _miss(self, records: Sequence[Signals], step_s: float) -> float:
         """Return the root mean square by which the guessed constants miss what was measured."""
-        measured = [each[self.output] for each in records]
-        missed = np.concatenate(self._follow(records, step_s)) - np.concatenate(measured)
+        missed = np.concatenate(self._follow(records, step_s)) - np.concatenate([each[self.output] for each in records])
         return float(np.sqrt(np.mean(missed**2)))
 
     def _follow(self, records: Sequence[Signals], step_s: float) -> list[Array]:

@@ -60,10 +60,7 @@ class ServoDrive(MotionPlant):
         largest = max(float(np.abs(f[:, 0]).max()) for f in derivatives[self.force])
         quickest = max(float(np.abs(q[skipped:, 2]).max(initial=0.0)) for q in derivatives[self.output])
         mass = 1.0 / per_mass if per_mass > 0.0 else largest / max(quickest, 1e-12)
-        return {
-            "mass": (mass, 0.05 * mass, 20.0 * mass, mass),
-            "force_offset": (0.0, -largest, largest, 0.2 * largest),
-        }
+        return {"mass": (mass, 0.05 * mass, 20.0 * mass, mass), "force_offset": (0.0, -largest, largest, 0.2 * largest)}
 
     def watch(self, signals: Signals, step_s: float, constants: Values) -> list[Watched]:
         """Return the measured motion, smoothed, its velocity and the force: without friction a simulated one drifts."""
