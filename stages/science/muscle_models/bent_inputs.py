@@ -70,8 +70,7 @@ class Movement:
 
     def _add_followed(self, new: Mapping[str, Array], of_pressure: bool) -> dict[str, Array]:
         followed = self._follow(new, of_pressure)
-        before = self._followed
-        return {name: self.recorded[name] + each - before[name] for name, each in followed.items()}
+        return {name: self.recorded[name] + each - self._followed[name] for name, each in followed.items()}
 
     @cached_property
     def _followed(self) -> dict[str, Array]:

@@ -66,13 +66,8 @@ class ForceTest:
     @classmethod
     def read(cls, name: str, recordings: pd.DataFrame, muscles: MuscleSet) -> ForceTest:
         """Gather recordings by muscle."""
-        rows = [recordings[recordings["muscle"] == each] for each in muscles.names]
-        return cls(
-            name,
-            muscles.scalings,
-            tuple(scaling.inputs_of(its) for scaling, its in zip(muscles.scalings, rows, strict=True)),
-            tuple(its[MODEL_OUTPUT].to_numpy() for its in rows),
-        )
+        forces_n = (recordings.loc[recordings["muscle"] == each, MODEL_OUTPUT].to_numpy() for each in muscles.names)
+        return cls(name, muscles.scalings, tuple(muscles.inputs_of(recordings)), tuple(forces_n))
 
     @property
     def largest_n(self) -> list[float]:

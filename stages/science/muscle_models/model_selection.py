@@ -144,8 +144,7 @@ class Evidence:
     def _extend_prior(self, prior: Hyperprior, choice: Choice) -> Hyperprior:
         assumed = self.model.inputs
         rows = dict(zip(assumed, zip(prior.mean, prior.variance, strict=False), strict=False))
-        lengths = np.array([rows.get(name, self.log_length) for name in choice.inputs])
-        mean, variance = lengths.T
+        mean, variance = np.transpose([rows.get(name, self.log_length) for name in choice.inputs])
         rest = len(assumed)
         return Hyperprior(np.append(mean, prior.mean[rest:]), np.append(variance, prior.variance[rest:]))
 

@@ -278,18 +278,12 @@ def _make_samples(effect: ChainEffect | ElementEffect) -> tuple[Array, State | B
     wave = np.sin(np.linspace(0.0, 6.0, SAMPLES))[:, None] * np.ones(COLUMNS)
     still, step_s = np.ones(COLUMNS), 0.01
     along: Array = step_s * np.arange(SAMPLES, dtype=np.float64)
-    where: State | Bench
     if isinstance(effect, ElementEffect):
-        signal = 0.5 * wave
-        session = along[:, None] * np.ones(COLUMNS)
-        where = Bench(0.5 * wave, np.gradient(wave, axis=0), step_s, 1.0, session, 0.5 + 0.2 * wave)
-    else:
-        middle = USUAL.get(effect.signal, 150.0)
-        signal = middle * (1.0 + 0.3 * wave)
-        rate = np.gradient(0.1 * wave, step_s, axis=0)
-        constants = MuscleConstants(*np.outer(np.ones(len(MuscleConstants._fields)), still))._replace(
-            braid_a=3.5 * still, valve_tau_s=0.04 * still, full_force_n=500.0 * still
-        )
-        pressure = 150.0 + 40.0 * wave
-        where = State(step_s, constants, pressure, pressure, 0.1 + 0.03 * wave, rate, along, 0.0 * still)
-    return signal, where
+        session = along[:, None] * still
+        return 0.5 * wave, Bench(0.5 * wave, np.gradient(wave, axis=0), step_s, 1.0, session, 0.5 + 0.2 * wave)
+    constants = MuscleConstants(*np.outer(np.ones(len(MuscleConstants._fields)), still))._replace(
+        braid_a=3.5 * still, valve_tau_s=0.04 * still, full_force_n=500.0 * still
+    )
+    rate, pressure = np.gradient(0.1 * wave, step_s, axis=0), 150.0 + 40.0 * wave
+    where = State(step_s, constants, pressure, pressure, 0.1 + 0.03 * wave, rate, along, 0.0 * still)
+    return USUAL.get(effect.signal, 150.0) * (1.0 + 0.3 * wave), where

@@ -166,11 +166,10 @@ class ElementPlant(RecordPlant):
             moved = {name: smooth(signals[name], step_s, window_s) for name in (self.along, self.against) if name}
             signals = {**signals, **moved}
         path = self.displace(signals)
-        return {**signals, PATH: path, RATE: signals[self.speed] if self.speed else self._differentiate(path, step_s)}
-
-    def _differentiate(self, path: Array, step_s: float) -> Array:
-        window_s = self.rate_window_s or SMOOTHED * self.movement_s
-        return differentiate(path, 1.0 / step_s, min(window_s, (len(path) - 2) * step_s), CUBIC)
+        if self.speed:
+            return {**signals, PATH: path, RATE: signals[self.speed]}
+        window_s = min(self.rate_window_s or SMOOTHED * self.movement_s, (len(path) - 2) * step_s)
+        return {**signals, PATH: path, RATE: differentiate(path, 1.0 / step_s, window_s, CUBIC)}
 
     def set_up(self, signals: Signals, step_s: float, start_s: Array) -> Bench:
         """Return what effects look at, for signals as `refine` returns them, (T, R)."""
