@@ -156,17 +156,11 @@ class MotionPlant(RecordPlant):
         """Return what accelerates the motion under inputs (N, R), at whatever instants."""
 
     @abstractmethod
-    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState) -> Guess:
+    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> Guess:
         """Return start, bounds and deviation of each constant.
 
-        Parameters
-        ----------
-        derivatives : mapping of str to sequence of (N_r, 3) ndarray
-            Signals of each record with two derivatives, through the same filter, by name; `""` is the number one.
-        skipped : int
-            Samples in which the filters settle.
-        begun : InitialState
-            How records begin.
+        Signals of each record come with `ORDER` derivatives, (N_r, ORDER + 1), through the same filter, which settles
+        in so many samples that are skipped; `""` is the name of the number one.
         """
 
     def resolve_from_data(self, records: Sequence[Signals], step_s: float) -> Self:
@@ -177,8 +171,7 @@ class MotionPlant(RecordPlant):
         opened = self.model_copy(update={"output_scale": scale, "time_scale_s": usual_s})
         if all(each.start is not None for each in self.nominal.values()):
             return opened
-        begun = read_initial_state([each[:HEAD] for each in outputs], step_s)
-        settled = opened._guess_constants(records, step_s, begun)
+        settled = opened._guess_constants(records, step_s)
         if self.time_scale_s:
             return settled
         settled = settled._follow_nature(records)
@@ -189,14 +182,14 @@ class MotionPlant(RecordPlant):
             quicker_s = usual_s * 0.5**halvings
             if self.FILTER * quicker_s < FINEST_FILTER * step_s:
                 break
-            start = opened.model_copy(update={"time_scale_s": quicker_s})
-            tried = start._guess_constants(records, step_s, begun)._follow_nature(records)
+            quicker = opened.model_copy(update={"time_scale_s": quicker_s})
+            tried = quicker._guess_constants(records, step_s)._follow_nature(records)
             missed = tried._miss(records, step_s)
             if missed < least:
                 least, settled = missed, tried
         return settled
 
-    def _guess_constants(self, records: Sequence[Signals], step_s: float, begun: InitialState) -> Self:
+    def _guess_constants(self, records: Sequence[Signals], step_s: float) -> Self:
         """Return the plant with constants told by records through filters of its pace."""
         tau_s = max(self.FILTER * self.know("time_scale_s"), FINEST_FILTER * step_s)
         filtered = {
@@ -205,7 +198,7 @@ class MotionPlant(RecordPlant):
         }
         ones = [np.ones(len(each[self.output])) for each in records]
         filtered[""] = [filter_derivatives(each, self.ORDER, tau_s, step_s) for each in ones]
-        guessed = self.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)), begun)
+        guessed = self.guess(filtered, int(np.ceil(8.0 * tau_s / step_s)))
         guessed["input_delay_s"] = (0.0, -step_s, step_s, 0.5 * step_s)
         return self.fill_in(guessed)
 

@@ -16,7 +16,6 @@ from stages.science.plant.filters import lag
 from stages.science.plant.linear_guess import regress
 from stages.science.plant.machines.second_order import Oscillator, OscillatorConstants
 from stages.science.plant.motion_plant import Guess, Pull
-from stages.science.plant.record_plant import InitialState
 from stages.science.signals.trajectories import Array
 
 
@@ -40,7 +39,7 @@ class BeltDrive(Oscillator):
         """Return what the drive brings, late, the belt, and what damps it."""
         return super().pull(signals, constants)._replace(lag_s=constants["drive_lag_s"])
 
-    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState) -> Guess:
+    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> Guess:
         """Return the constants of the linear model of third order that agrees best with filtered records."""
         inputs, outputs = derivatives[self.input], derivatives[self.output]
         rows = [

@@ -16,7 +16,6 @@ from stages.science.plant.effect import Signals, Values
 from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
 from stages.science.plant.motion_plant import Guess, MotionConstants, MotionPlant, Pull
-from stages.science.plant.record_plant import InitialState
 from stages.science.signals.trajectories import Array
 
 VARIED = 0.01
@@ -49,7 +48,7 @@ class PamJoint(MotionPlant):
         hold = constants["stiffness"] + constants["stiffening"] * (raising + lowering)
         return Pull(push, hold, constants["damping"], 0.0)
 
-    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState) -> Guess:
+    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> Guess:
         """Return the constants that agree best with filtered records beside friction.
 
         Stiffening is told where the sum of pressures changes.

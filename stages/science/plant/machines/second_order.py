@@ -10,7 +10,6 @@ from stages.science.plant.effect import Signals, Values
 from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
 from stages.science.plant.motion_plant import Guess, MotionConstants, MotionPlant, Pull
-from stages.science.plant.record_plant import InitialState
 from stages.science.signals.trajectories import Array
 
 
@@ -48,7 +47,7 @@ class Oscillator(MotionPlant):
         push = omega**2 * constants["static_gain"] * (signals[self.input] + constants["input_offset"])
         return Pull(push, omega**2, 2.0 * constants["damping_ratio"] * omega, constants["output_offset"])
 
-    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState) -> Guess:
+    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> Guess:
         """Return the constants of the linear model that agrees best with filtered records beside friction."""
         inputs, outputs = derivatives[self.input], derivatives[self.output]
         rows = [

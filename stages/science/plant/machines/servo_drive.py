@@ -13,7 +13,7 @@ from stages.science.plant.effect import Effect, Signals, Values
 from stages.science.plant.effect_config import NominalConstant
 from stages.science.plant.linear_guess import regress
 from stages.science.plant.motion_plant import Guess, MotionConstants, MotionPlant, Pull
-from stages.science.plant.record_plant import InitialState, Watched
+from stages.science.plant.record_plant import Watched
 from stages.science.signals.trajectories import Array
 
 MOVING, FEWEST_MOVING = 0.1, 100
@@ -50,7 +50,7 @@ class ServoDrive(MotionPlant):
         push = (signals[self.force] + constants["force_offset"]) / constants["mass"]
         return Pull(push, 0.0, 0.0, 0.0)
 
-    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int, begun: InitialState) -> Guess:
+    def guess(self, derivatives: Mapping[str, Sequence[Array]], skipped: int) -> Guess:
         """Return the mass that filtered records show beside friction and springs, and no offset."""
         rows = [
             np.stack([f[:, 0], one[:, 0], -q[:, 1], -np.sign(q[:, 1]), -q[:, 0], -(q[:, 0] ** 3)], axis=1)
