@@ -8,7 +8,7 @@ climb ends at one. A climb that is about to repeat an earlier one is not finishe
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import chain
 
@@ -106,9 +106,8 @@ def find_map(
     values = np.array([_value_or_minus_infinity(posterior, theta) for theta in fresh])
     ranked = np.argsort(-values, kind="stable")[: max(1, CLIMBS - len(warm_starts))]
     found: list[Place] = []
-    begun: Iterable[Array | None] = (fresh[index] for index in ranked)
-    if posterior.inputs.size > FEW:
-        begun = (approach(posterior, fresh[index], found) for index in ranked)
+    many = posterior.inputs.size > FEW
+    begun = (approach(posterior, fresh[index], found) if many else fresh[index] for index in ranked)
     for start in chain(warm_starts, begun):
         maximum = None if start is None else climb(posterior, start, found)
         if maximum is not None:
