@@ -23,25 +23,10 @@ def expect_error(model: MarginalGP, inputs: Array) -> float:
 
 
 def leave_trials_out(model: MarginalGP, trials: NDArray[np.intp], executed: Executed) -> Array:
-    """Return the error that is expected and the one that is measured in each trial, by the model without its points.
+    """Return the errors expected and measured in each of K trials, (K, 2), by the model without that trial's points.
 
-    Parameters
-    ----------
-    model : MarginalGP
-        Of N points.
-    trials : (N,) int array
-        Of each point the trial that it was taken from, as a position in `executed`; -1 for what is never left out.
-    executed : sequence over K trials
-        Samples of each.
-
-    Returns
-    -------
-    (K, 2) float array
-
-    Raises
-    ------
-    ValueError
-        When the trials are not one for each point.
+    The (N,) trials are those that the model's N points were taken from, as positions in `executed`; -1 for what is
+    never left out. A `ValueError` says that they are not one for each point.
     """
     errors = np.empty((len(executed), 2))
     for k, (left, inputs, outputs) in enumerate(_leave_each_out(model, trials, executed)):

@@ -112,22 +112,11 @@ class MarginalModel(ABC):
         return mean, variance
 
     def utility(self, points: Array, name: str, memory_mb: float = MEMORY_MB) -> Array:
-        """Return a point utility of (B, D) points, (B,).
+        """Return a point utility, (B,), of standardised inputs, (B, D), by its name or the dotted path of one's own.
 
-        Parameters
-        ----------
-        points : (B, D) float array
-            Standardised inputs.
-        name : str
-            In `UTILITIES`, or the dotted path of a function of one's own.
-        memory_mb : float
-            Bound on the working memory beyond the result and the model's own matrices (MB).
-
-        Raises
-        ------
-        ValueError
-            When there is no utility of that name, one's own returns no scores, or points have the wrong shape or are
-            not finite.
+        Names are those of `UTILITIES`. The working memory beyond the result and the model's own matrices is bounded,
+        MB. A `ValueError` tells an unknown name, a function of one's own that returns no scores, and points of the
+        wrong shape or not finite.
         """
         if name == "variance":  # asks for no slopes
             return self._gather(points, 1, lambda predictor, chunk: predictor.predict(chunk)[1][None], memory_mb)[0]

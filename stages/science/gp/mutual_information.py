@@ -82,14 +82,8 @@ def point_information(models: list[Draw], points: Array) -> Array:
 def path_information(models: list[Draw], paths: Array, noise: Array) -> Array:
     """Return the information densities of noisy measurements at all T points of each path together, (S, R), in nats.
 
-    Parameters
-    ----------
-    models : list of Draw
-        At S draws of theta.
-    paths : (R, T, D) float array
-        Standardised.
-    noise : (K, S, T) float array
-        Standard normal draws: K outputs at each draw of theta, the same for all paths.
+    The models are at S draws of theta, the paths, (R, T, D), standardised; the noise, (K, S, T), are standard normal
+    draws: K outputs at each draw of theta, the same for all paths.
     """
     count, samples, dimensions = paths.shape
     check_points(paths.reshape(-1, dimensions), models[0].inputs.shape[1])

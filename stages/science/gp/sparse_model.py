@@ -16,23 +16,10 @@ from stages.science.gp.sparse import SparsePosterior, blocks
 
 
 class SparseGP:
-    """A sparse GP at given pseudo-inputs and hyperparameters.
+    """A sparse GP of a posterior's data and hyperprior at given pseudo-inputs and hyperparameters.
 
-    Parameters
-    ----------
-    posterior : SparsePosterior
-        Data and hyperprior.
-    pseudo : (M, D) float array
-        Pseudo-inputs, in the units of the data's inputs.
-    theta : (P,) float array
-        Hyperparameters.
-
-    Raises
-    ------
-    ValueError
-        When a shape does not fit or a pseudo-input is not finite.
-    FactorisationError
-        When theta is out of range or the noise too low.
+    The pseudo-inputs, (M, D), are in the units of the data's inputs, theta is (P,). A `ValueError` tells a shape that
+    does not fit or a pseudo-input that is not finite, a `FactorisationError` a theta out of range or a noise too low.
 
     Attributes
     ----------
@@ -85,16 +72,8 @@ class SparseGP:
 def predict_weighted(pseudo: Array, weights: Array, theta: Array, points: Array) -> Array:
     """Return the predictive mean m + w' k_m(x*), (B,), that a sparse GP's weights stand for, without its data.
 
-    Parameters
-    ----------
-    pseudo : (M, D) float array
-        Pseudo-inputs.
-    weights : (M,) float array
-        w.
-    theta : (P,) float array
-        Hyperparameters.
-    points : (B, D) float array
-        Where to predict; a `ValueError` tells another shape or what is not finite.
+    Of (M, D) pseudo-inputs, (M,) weights w and (P,) hyperparameters, at (B, D) points: a `ValueError` tells another
+    shape or what is not finite.
     """
     points, read = check_points(points, pseudo.shape[1]), Hyperparameters.read(theta, pseudo.shape[1])
     centre = pseudo.mean(axis=0)

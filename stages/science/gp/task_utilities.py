@@ -27,26 +27,11 @@ def tell_unit(name: str) -> str:
 def task_utility(
     models: Sequence[MarginalGP], tasks: Sequence[Array], candidates: Sequence[Array], count: int, utility: str
 ) -> Array:
-    """Return what the best `count` samples of every trajectory gain for the tasks, (R,).
+    """Return what the best `count` samples of every trajectory gain for the tasks, (R,), by one of `TASK_UTILITIES`.
 
-    Parameters
-    ----------
-    models, tasks, candidates : sequences over M muscles of MarginalGP, (Q, D) and (R, T, D) float arrays
-        Standardised inputs that the models are wanted for, and those along each trajectory.
-    count : int
-        Samples that a trial gives each model.
-    utility : str
-        In `TASK_UTILITIES`.
-
-    Returns
-    -------
-    (R,) float array
-        Added over muscles, each in the square of its standard unit or in nats.
-
-    Raises
-    ------
-    ValueError
-        When shapes do not fit or a task is empty.
+    Of each of M muscles a model, the standardised inputs that it is wanted for, (Q, D), and those along each
+    trajectory, (R, T, D); a trial gives each model so many samples. Gains are added over muscles, each in the square of
+    its standard unit or in nats. A `ValueError` tells shapes that do not fit and an empty task.
     """
     gain = TASK_UTILITIES[utility]
     scores = [

@@ -62,18 +62,10 @@ def locate_points(
 ) -> pd.DataFrame:
     """Return the points of one arm with more columns: `values` at the samples of the executed trials that they are.
 
-    Parameters
-    ----------
-    points, initial, designed : DataFrame
-        Rows of `points`, `hardware_recordings` and `active_recordings`.
-    values : mapping of (N,) arrays
-        By column, for each of the N rows that `join_executed` makes of the recordings.
-
-    Raises
-    ------
-    ValueError
-        When a point is no sample of these trials. Points of the initial data do not tell their trial: they are found
-        by what was measured.
+    `points`, `initial` and `designed` are rows of `points`, `hardware_recordings` and `active_recordings`; the values
+    are (N,) arrays by column, for each of the N rows that `join_executed` makes of the recordings. A `ValueError` tells
+    a point that is no sample of these trials. Points of the initial data do not tell their trial: they are found by
+    what was measured.
     """
     own = designed[designed["arm"] == points["arm"].iloc[0]]
     trials = pd.concat([initial.assign(trial=0), own], ignore_index=True)
