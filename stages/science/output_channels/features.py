@@ -11,7 +11,7 @@ from numba import njit
 
 from stages.science.output_channels.output_channel import Driver, OutputChannel
 from stages.science.plant.learned_map import SESSION_TIME, TIME, LearnedMap
-from stages.science.signals.histories import CHANGE, DISTANCE, RECENT, change, lag, recall, sum_distance
+from stages.science.signals.histories import CHANGE, DISTANCE, RECENT, find_signal, lag
 from stages.science.signals.trajectories import Array
 
 LAGS = (0.02, 0.06, 0.2, 0.6, 2.0)
@@ -84,14 +84,11 @@ def list_histories(output: OutputChannel) -> list[Driver]:
 
     Their names are those by which `histories.find_signal` finds them.
     """
-    found, step = [], output.step_s / output.time_scale_s
+    found = []
     for each in output.drivers():
-        if not each.own:
-            found.append(Driver(f"{CHANGE} {each.name}", change(each.values, step), own=False))
-        elif each.rate:
-            found.append(Driver(f"{DISTANCE} {each.name}", sum_distance(each.values, output.step_s), own=False))
-        else:
-            found.append(Driver(f"{RECENT} {each.name}", recall(each.values, step), own=False))
+        name = f"{(DISTANCE if each.rate else RECENT) if each.own else CHANGE} {each.name}"
+        history = find_signal(name, {each.name: each.values}, output.step_s, output.time_scale_s)
+        found.append(Driver(name, history, own=False))
     return found
 
 

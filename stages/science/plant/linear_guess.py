@@ -42,9 +42,7 @@ def filter_derivatives(signal: Array, order: int, tau_s: float, step_s: float) -
     below = np.poly1d([tau_s, 1.0]) ** (order + 1)
     found = []
     for degree in range(order + 1):
-        above = np.zeros(degree + 1)
-        above[0] = 1.0
-        b, a = bilinear(above, below.coeffs, fs=1.0 / step_s)
+        b, a = bilinear(np.eye(1, degree + 1)[0], below.coeffs, fs=1.0 / step_s)
         found.append(lfilter(b, a, signal, zi=lfilter_zi(b, a) * signal[0])[0])
     return np.stack(found, axis=1)
 

@@ -166,14 +166,10 @@ def collect_constants(exoskeleton: Exoskeleton, plant: Plant) -> MuscleConstants
         model = plant.find_model(muscle.name, muscle.type)
         area = 1000.0 * np.pi * (0.5 * muscle.nominal_diameter_m) ** 2
         a, b = braid_coefficients(model.braid_angle_deg)
-        told = {
-            "area_n_per_kpa": area,
-            "braid_a": a,
-            "braid_b": b,
-            "contraction_at_angle_0": muscle.contraction_at_angle_0,
-            "contraction_per_rad": muscle.contraction_per_rad,
-            "torque_arm_m": muscle.torque_arm_m,
-            "full_force_n": area * muscle.max_pressure_kpa * (a - b),
+        full_force_n = area * muscle.max_pressure_kpa * (a - b)
+        told = {"area_n_per_kpa": area, "braid_a": a, "braid_b": b, "full_force_n": full_force_n}
+        told |= {
+            name: getattr(muscle, name) for name in ("contraction_at_angle_0", "contraction_per_rad", "torque_arm_m")
         }
         rows.append([told[name] if name in told else getattr(model, name) for name in MuscleConstants._fields])
     return MuscleConstants(*np.array(rows, dtype=float).T.copy())
