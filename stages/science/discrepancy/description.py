@@ -74,7 +74,7 @@ class Description:
     @property
     def gap(self) -> float:
         """Root mean square of the residual, in the channel's unit."""
-        return _measure(self.residual, self.output)
+        return float(np.sqrt((self.residual**2).sum() / max(int(self.output.present.sum()), 1)))
 
     @property
     def above_floor(self) -> float:
@@ -105,7 +105,7 @@ def describe_above_floor(
     described = []
     for fitted, floor in zip(fits, divide(lambda each: _find_floor(each, found), fits), strict=True):
         output = fitted.model.output
-        if _measure(fitted.residual, output) > smallest_gap * floor:
+        if fitted.spread > smallest_gap * floor:
             patched = settings.patch == "always" or (settings.patch != "none" and unnamed[output.channel])
             described.append(describe(fitted, floor, how, weights, settings.level, generator, patched))
     return described
@@ -155,10 +155,6 @@ def describe(
     kept = patch.learned if patched and patch_share.low > 0.0 else None
     told = (found, share, sketch, sketched, drift, drifted)
     return Description(output, residual, floor, *told, settings.range_part, kept)
-
-
-def _measure(residual: Array, output: OutputChannel) -> float:
-    return float(np.sqrt((residual**2).sum() / max(int(output.present.sum()), 1)))
 
 
 def tabulate(described: Description) -> dict[str, Any]:

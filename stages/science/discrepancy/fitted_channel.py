@@ -48,11 +48,6 @@ class Fitted:
         return self.fit.model.name_values(self.fit.values)[1]
 
     @property
-    def spread(self) -> float:
-        """Root mean square of the residual of all trials, none left out, in the channel's unit."""
-        return float(np.sqrt((self.fit.residual**2).sum() / max(self.fit.model.output.present.sum(), 1)))
-
-    @property
     def blocks(self) -> Blocks:
         """The family beside which it was fitted, with its priors; that of a fit beside none has no columns."""
         family = self.fit.model.family
@@ -166,11 +161,8 @@ class FittedChannel:
     def continue_from(self, current: Fitted) -> "FittedChannel":
         """Return the channel with another present fit; one without effects is its nominal fit too."""
         noise = current.estimate_noise()
-        left = [
-            *explain(self.output, current.residual),
-            *explain_changing(current.fit, build_features(self.output), noise),
-        ]
-        leftover = keep_least(left, self.output)
+        changing = explain_changing(current.fit, build_features(self.output), noise)
+        leftover = keep_least([*explain(self.output, current.residual), *changing], self.output)
         nominal = self.nominal if current.forms else current
         return replace(self, noise=noise, nominal=nominal, current=current, leftover=leftover)
 
@@ -186,7 +178,7 @@ def prepare(output: OutputChannel) -> FittedChannel:
     starts = [np.array(list((begun | other).values())) for other in ({}, *output.other_starts)]
     plain = [fit_plain(model, start, 0.01 * output.range) for start in starts]
     rough = min(plain, key=lambda each: float(each.raw.sum()))
-    nominal = refine(model, rough.fit.values, rough.spread)
+    nominal = refine(model, rough.fit.values, rough.fit.spread)
     state = _estimate_floor(rough.put_in(calm), nominal.put_in(calm))
     return state if calm is output or state.is_calm else _estimate_floor(rough, nominal)
 

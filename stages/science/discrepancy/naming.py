@@ -301,7 +301,7 @@ def _fit_corrected(
                 continue
             output = state.output.correct([(form.name, form.form, values)])
             if output is not state.output:
-                fitted = state.current.put_in(output).refit(make_plain(state.current.spread))
+                fitted = state.current.put_in(output).refit(make_plain(state.current.fit.spread))
                 corrected.append((place, source, key, fitted))
     return corrected
 
@@ -321,7 +321,7 @@ def _score_output(
         return min(residuals, key=lambda each: float((split_residual(each, output)[0] ** 2).sum()))
 
     def judge_by(each: Fitted) -> Noise | TrialNoise:
-        return common if output.jitters else make_plain(each.spread)
+        return common if output.jitters else make_plain(each.fit.spread)
 
     alone, common = dict(first), estimate_trial_noise(find_best(first.values()), output, largest)
     for _ in range(PASSES if output.jitters else 0):

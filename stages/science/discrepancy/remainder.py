@@ -62,7 +62,7 @@ def weigh_remainder(
         told, by_map, beside = float(np.median(share)), 0.0, fits
         if mapped >= settings.certain:
             beside = [
-                [own.refit(make_plain(own.spread), state.static_map) for state, own in zip(states, some, strict=True)]
+                [own.refit(make_plain(own.fit.spread), its.static_map) for its, own in zip(states, some, strict=True)]
                 for some in fits
             ]
             now, after = (_draw_gap(states, weights, each) for each in (raws[1], [each.raw for each in beside[1]]))

@@ -80,7 +80,7 @@ class SearchTables:
         if step == 0:
             return state
         model, values = self.restore(state.output, step)
-        noise = make_plain(state.current.spread)
+        noise = make_plain(state.current.fit.spread)
         return replace(state, current=assess(fit(model, noise, values, iterations=0), noise))
 
 

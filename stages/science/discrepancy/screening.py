@@ -86,7 +86,7 @@ def _try_starts(found: Fit, forms: Sequence[NamedEffect]) -> dict[tuple[str, str
     """Return the screening results of forms by a few iterations of a fit from each of their starts."""
     output, model = found.model.output, found.model
     before = np.sum(np.where(output.present, found.leave_each_out(), 0.0) ** 2)
-    noise = make_plain(float(np.sqrt((found.residual**2).sum() / max(output.present.sum(), 1))))
+    noise = make_plain(found.spread)
     fixed = len(output.constants)
     # without an effect that has a threshold, constants may be far off: they start at their prior means too
     bases = (found.values, np.concatenate([model.prior[0][:fixed], found.values[fixed:]]))

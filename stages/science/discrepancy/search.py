@@ -11,14 +11,7 @@ from itertools import product
 import numpy as np
 
 from stages.science.discrepancy.evidence import Verdicts
-from stages.science.discrepancy.fitted_channel import (
-    Fitted,
-    FittedChannel,
-    correct_inputs,
-    list_kept,
-    prepare,
-    refine,
-)
+from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, list_kept, prepare, refine
 from stages.science.discrepancy.naming import Choice, Named, Round, is_worth, rank
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
@@ -154,7 +147,7 @@ def _find_better_constants(found: Search, choices: Sequence[Choice]) -> bool:
             if fitted.forms[-1].scales or fitted.raw.sum() >= least:
                 continue
             known = len(state.current.fit.values)
-            again = refine(state.current.fit.model, fitted.fit.values[:known], fitted.spread)
+            again = refine(state.current.fit.model, fitted.fit.values[:known], fitted.fit.spread)
             if again.raw.sum() < least:
                 found.outputs[place] = state.continue_from(again)
                 better, least = True, BETTER * float(again.raw.sum())
@@ -179,8 +172,7 @@ def _add(
 def _carry(state: FittedChannel, chosen: Fitted, generator: np.random.Generator) -> FittedChannel:
     """Return an output whose present fit carries a chosen form."""
     best = _start_anew(chosen, generator)
-    spread = float(np.sqrt((best.residual**2).sum() / max(state.output.present.sum(), 1)))
-    return state.continue_from(refine(best.model, best.values, spread))
+    return state.continue_from(refine(best.model, best.values, best.spread))
 
 
 def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
@@ -196,7 +188,7 @@ def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
         values = np.concatenate([base, [start[each.name] for each in newest.parameters]])
         found.append(fit(model, noise, values, iterations=LONG))
     if not newest.scales:
-        noise = make_plain(chosen.spread)
+        noise = make_plain(chosen.fit.spread)
         best = min(found, key=lambda each: each.cost(noise)).values
         for drawn in generator.standard_normal((NEARBY_STARTS, len(best))):
             found.append(fit(model, noise, best + NEARBY * model.prior[1] * drawn, iterations=LONG))
@@ -216,7 +208,7 @@ def _correct_others(found: Search, place: int) -> None:
             if corrected is not recorded:
                 found.outputs[other] = prepare(corrected)
                 if state.current.forms:
-                    again = state.current.put_in(corrected).refit(make_plain(state.current.spread))
+                    again = state.current.put_in(corrected).refit(make_plain(state.current.fit.spread))
                     found.outputs[other] = found.outputs[other].continue_from(again)
 
 

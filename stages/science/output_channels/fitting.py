@@ -136,6 +136,11 @@ class Fit:
     """Which values are not held by a bound, (P,)."""
 
     @property
+    def spread(self) -> float:
+        """Root mean square of the residual, no trial left out, in the channel's unit."""
+        return float(np.sqrt((self.residual**2).sum() / max(self.model.output.present.sum(), 1)))
+
+    @property
     def precision(self) -> Array:
         """The priors' precisions."""
         return 1.0 / self.model.prior[1] ** 2

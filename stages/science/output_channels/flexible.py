@@ -154,7 +154,7 @@ def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: 
     """
     output = fit.model.output
     present = output.present
-    spread = float(np.sqrt((fit.residual**2).sum() / max(present.sum(), 1))) or 1.0
+    spread = fit.spread or 1.0
 
     def collect(trial: int) -> Array:
         return np.concatenate([fit.slopes[:, trial], features[:, trial], fit.residual[:, trial, None]], axis=1)
