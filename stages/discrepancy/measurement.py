@@ -38,14 +38,7 @@ from stages.science.recording.files.readers import FileError, UnequalColumns, re
 from stages.science.recording.headings import read_heading
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
 from stages.science.recording.plausibility import check_readings, check_signals
-from stages.science.recording.sources import (
-    SAMPLE_KEY,
-    Measurement,
-    Source,
-    read_executed,
-    read_rig_session,
-    tabulate,
-)
+from stages.science.recording.sources import SAMPLE_KEY, Measurement, Source, read_executed, read_rig_session, tabulate
 from stages.science.recording.uneven import even_out
 
 SAMPLES, META = "samples.parquet", "meta.json"
@@ -215,13 +208,7 @@ def describe_file(path: InputPath) -> list[str]:
 
 
 @stage(
-    MEASURED,
-    MEASURED_SIGNALS,
-    MEASURED_TRIALS,
-    MEASURED_MUSCLES,
-    MEASURED_SESSION,
-    MEASURED_NOTES,
-    preview=show_map,
+    MEASURED, MEASURED_SIGNALS, MEASURED_TRIALS, MEASURED_MUSCLES, MEASURED_SESSION, MEASURED_NOTES, preview=show_map
 )
 def measurement(
     cfg: Config,
@@ -313,14 +300,14 @@ def read_muscles(path: InputPath, cfg: Config) -> Source:
     """Read a folder with samples and meta.json, or one file for the configured exoskeleton, and check its rows."""
     session = read_meta(path)
     known, file = read_known(path, cfg), find_samples(path)
-    samples = adopt_file(file, cfg, SAMPLE_KEY, known)
+    samples, notes = adopt_file(file, cfg, SAMPLE_KEY, known)
     with about(str(file)):
         check_rows(samples, SAMPLE_KEY)
         wrong = (samples["trial"] % 1.0 != 0.0) | (samples["trial"] < 0.0)
         if wrong.any():
             raise RecordingError(f"column trial: expected whole numbers from 0, got others in {name_rows(wrong)}")
         check_readings(samples, READINGS, MEASURED.columns, cfg.units)
-    samples, notes = samples.astype({"trial": int}), note_reading(file, cfg, known)
+    samples = samples.astype({"trial": int})
     if session is None:
         site, rate = cfg.exoskeleton.load_cell_site, cfg.measurement.rate_hz
         return Source(file.name, path, samples, known, "exoskeleton.muscles", site, "", rate, None, notes)
@@ -328,17 +315,24 @@ def read_muscles(path: InputPath, cfg: Config) -> Source:
     return Source(folder.resolve().name, str(file), samples, known, str(folder / META), *told)
 
 
-def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame) -> pd.DataFrame:
-    """Read the configured columns of a file, split into records where the key asks for them."""
+def adopt_file(file: Path, cfg: Config, key: Sequence[str], known: pd.DataFrame) -> tuple[pd.DataFrame, Notes]:
+    """Read the configured columns of a file, split into records where the key asks for them.
+
+    The notes are of samples that are counted, as the file has no column of time, and of what a bag's times are.
+    """
+    notes: Notes = []
     with about(str(file)):
         header = read_header(file)
         given = cfg.map(known)
         samples = given.adopt(read_wanted(file, given, header.names), header.names, header.units)
         if "time_s" not in samples and cfg.measurement.rate_hz is not None:
             samples = count_time(samples, [*key[:-1], "part"], cfg.measurement.rate_hz)
+            notes.append(("time_s", f"counted at {cfg.measurement.rate_hz:g} Hz (measurement.rate_hz)"))
         if "record" in key:
             samples = split_records(samples)
-    return samples
+    if is_one_trial(cfg.columns, header.names):
+        notes.append(("trial", "the whole file is one, number 0"))
+    return samples, notes + [(file.name, each) for each in [*header.dropped, *(header.remarks if is_bag(file) else [])]]
 
 
 def read_wanted(file: Path, given: ColumnMap, names: Sequence[str]) -> pd.DataFrame:
@@ -355,16 +349,6 @@ def read_wanted(file: Path, given: ColumnMap, names: Sequence[str]) -> pd.DataFr
     return join_parts({end: read_samples(file, own).rename(columns=own) for end, own in parts.items()})
 
 
-def note_reading(file: Path, cfg: Config, known: pd.DataFrame) -> Notes:
-    """Return notes where samples are counted, as the file has no column of time, and of what a bag's times are."""
-    header, notes = read_header(file), []
-    if cfg.map(known).counts_samples(header.names):
-        notes.append(("time_s", f"counted at {cfg.measurement.rate_hz:g} Hz (measurement.rate_hz)"))
-    if is_one_trial(cfg.columns, header.names):
-        notes.append(("trial", "the whole file is one, number 0"))
-    return notes + [(file.name, each) for each in [*header.dropped, *(header.remarks if is_bag(file) else [])]]
-
-
 def list_stated(file: Path, cfg: Config, signals: Sequence[str]) -> dict[str, str | None]:
     """Return by signal the unit that the configuration or a heading of the file states."""
     told = read_header(file).units
@@ -377,10 +361,9 @@ def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
     """Return the tables of records of any signals."""
     file = find_samples(path)
     known = describe_muscles(cfg.exoskeleton)
-    frame = adopt_file(file, cfg, RECORD_KEY, known)
+    frame, notes = adopt_file(file, cfg, RECORD_KEY, known)
     signals = [name for name in cfg.columns if name not in NAMES and name != "time_s"]
     given = cfg.measurement
-    notes = note_reading(file, cfg, known)
     anew = frame["part"].eq(frame["part"].shift()) & begins_anew(frame)
     if anew.any() and (cfg.columns.get("record") or "record") not in read_header(file).names:
         notes.append(("time_s", f"begins anew in {name_rows(anew)}, as another record"))
