@@ -104,12 +104,8 @@ class Config(Section):
 def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, ctx: Context) -> dict[str, pd.DataFrame]:
     """Describe what the amended model leaves above the noise floor, and learn a map of it."""
     settings = cfg.discrepancy
-    described: list[Description] = []
-    plant = cfg.plant
-    if (found.channels["gap_over_floor"] > settings.search.smallest_gap).any():
-        dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
-        plant = dataset.plant
-        described = describe_above_floor(dataset, found, settings, cfg.explain_remainder, ctx.generator, ctx.divide)
+    dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
+    described = describe_above_floor(dataset, found, settings, cfg.explain_remainder, ctx.generator, ctx.divide)
     averages = average_dependence(described)
     if len(averages):
         ctx.figure(
@@ -118,16 +114,10 @@ def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, c
             "What stays unexplained, on average over the input that tells most of it (points, two standard errors over "
             "trials), and what a Gaussian process makes of it (lines, two standard deviations). It has no name.",
         )
-    rows: dict[str, list[Any]] = {
-        REMAINDER.name: [tabulate(each) for each in described],
-        LEARNED_MAPS.name: list_patches(described),
-        OWN_EFFECT.name: []
-        if settings.write_effect is None
-        else [keep_effect(settings.write_effect, described, plant, ctx)],
-    }
-    return {
-        table.name: pd.DataFrame(rows[table.name], columns=list(table.columns)) for table in explain_remainder.writes
-    }
+    own = [] if settings.write_effect is None else [keep_effect(settings.write_effect, described, dataset.plant, ctx)]
+    rows: list[list[Any]] = [[tabulate(each) for each in described], list_patches(described), own]
+    both = zip(explain_remainder.writes, rows, strict=True)
+    return {table.name: pd.DataFrame(kept, columns=list(table.columns)) for table, kept in both}
 
 
 def keep_effect(

@@ -125,10 +125,7 @@ def check_plant(plant: Plant | RecordPlant, kind: str, known: Sequence[str]) -> 
     if not isinstance(plant, RecordPlant):
         return
     for index, learned in enumerate(plant.learned):
-        for what, got, own in (
-            ("channel", learned.channel, plant.output),
-            ("element", learned.element, plant.element),
-        ):
+        for what, got, own in (("channel", learned.channel, plant.output), ("element", learned.element, plant.element)):
             if got != own:
                 raise ValueError(f"plant.learned.{index}.{what}: expected {own}, which the plant tells, got {got}")
         for name in (each.name.rpartition(" ")[2] for each in learned.inputs):

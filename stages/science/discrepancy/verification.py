@@ -103,9 +103,15 @@ def _simulate(output: OutputChannel, model: Model, values: Array, maps: Maps) ->
 
 
 def _judge(model: Model, values: Array, noise: Noise, learnt: Mask, weights: Array) -> tuple[Array, Band]:
-    """Return what a flexible model beside a model leaves of each trial, (K,), and the band about it."""
+    """Return what a flexible model beside a model leaves of each trial, (K,), and the band about it; zero without data.
+
+    The weights are of the learnt trials.
+    """
     seen, still = _keep_values(model, values, noise)
-    return _find_floor(seen, still, noise, learnt), _find_band(seen, still, learnt, weights)
+    band = find_band(still, learnt[seen], weights[:, np.isin(np.flatnonzero(learnt), seen)])
+    simulated = np.zeros((len(band.simulated), len(learnt)))
+    simulated[:, seen] = band.simulated
+    return _find_floor(seen, still, noise, learnt), band._replace(simulated=simulated)
 
 
 def find_test_floor(model: Model, values: Array, noise: Noise, learnt: Mask) -> Array:
@@ -123,14 +129,6 @@ def _find_floor(seen: NDArray[np.intp], still: Fit, noise: Noise, learnt: Mask) 
     floor = np.zeros(len(learnt))
     floor[seen] = find_floor(still, noise, learnt[seen]).raw
     return floor
-
-
-def _find_band(seen: NDArray[np.intp], still: Fit, learnt: Mask, weights: Array) -> Band:
-    """Return the band of all trials by weights of the learnt ones, zero without data."""
-    band = find_band(still, learnt[seen], weights[:, np.isin(np.flatnonzero(learnt), seen)])
-    simulated = np.zeros((len(band.simulated), len(learnt)))
-    simulated[:, seen] = band.simulated
-    return band._replace(simulated=simulated)
 
 
 @dataclass(frozen=True)
@@ -198,8 +196,8 @@ class Opened:
         """
         rows, generator = [], self.draw("signs", "learned maps")
         for channel in dict.fromkeys(channel for channel, _ in learned):
-            own = [each for each in self.found if (each.output.channel, each.output.element) in learned]
-            own = [each for each in own if each.output.channel == channel]
+            own = [each for each in self.found if each.output.channel == channel]
+            own = [each for each in own if (channel, each.output.element) in learned]
             before, after = (_pool(own, [each.squares(each.steps[k]) for each in own], trials) for k in (last, -1))
             maps = [learned[channel, each.output.element] for each in own]
             rows.append(
