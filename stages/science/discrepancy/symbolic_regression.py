@@ -4,7 +4,8 @@ A fitted model and a few inputs flow in; out flow the terms that predict trials 
 nominal constants, and the parameters of effects already named, may change along with the weights.
 """
 
-from collections.abc import Sequence
+from collections import Counter
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from itertools import combinations_with_replacement
 
@@ -66,8 +67,8 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSet
     nothing = Sketch((), squares, squares)
     if not inputs or output.trials < 3 or squares.sum() == 0.0:
         return nothing
-    names, code, library = _build_library(inputs, output.present)
-    answers = output.respond(library)
+    names, code, values = map(list, zip(*_list_terms(inputs, output.present), strict=True))
+    answers = output.respond(np.stack(values, axis=2))
     code += [""] * (answers.shape[2] - len(code))
     names += [f"answer to ({name})" for name in names][: answers.shape[2] - len(names)]
     terms = np.where(present[:, :, None], answers[::stride], 0.0)
@@ -94,33 +95,24 @@ def sketch_residual(fit: Fit, inputs: Sequence[Driver], settings: DescriptionSet
     return Sketch(told, squares, scale**2 * left[level], *kept)
 
 
-def _build_library(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> tuple[list[str], list[str], Array]:
-    """Return the terms that a formula may have: texts, Python, and values, (T, K, F), in the inputs' own units."""
+def _list_terms(inputs: Sequence[Driver], present: NDArray[np.bool_]) -> Iterator[tuple[str, str, Array]]:
+    """Yield the terms that a formula may have: text, Python, and values, (T, K), in the inputs' own units."""
     words = [name_signal(each.name)[0] for each in inputs]
     atoms = [f"[{each}]" if " " in each else each for each in words]
-    names, code, columns = ["1"], ["np.ones_like(x[0])"], [np.ones(present.shape)]
+    yield "1", "np.ones_like(x[0])", np.ones(present.shape)
     for degree in range(1, DEGREE + 1):
         for chosen in combinations_with_replacement(range(len(inputs)), degree):
-            own = [atoms[k] for k in chosen]
-            powers = {atom: own.count(atom) for atom in own}
-            names.append("*".join(f"{atom}^{power}" if power > 1 else atom for atom, power in powers.items()))
-            code.append(" * ".join(f"x[{k}]" for k in chosen))
-            columns.append(np.prod([inputs[k].values for k in chosen], axis=0))
-    for place, each in enumerate(inputs):
-        if not each.rate:
-            continue
+            powers = Counter(atoms[k] for k in chosen).items()
+            text = "*".join(f"{atom}^{power}" if power > 1 else atom for atom, power in powers)
+            yield text, " * ".join(f"x[{k}]" for k in chosen), np.prod([inputs[k].values for k in chosen], axis=0)
+    for place, each in [(place, each) for place, each in enumerate(inputs) if each.rate]:
+        yield f"{atoms[place]}*|{words[place]}|", f"x[{place}] * np.abs(x[{place}])", each.values * np.abs(each.values)
         width = TURNING * float(each.values[present].std())
-        direction, text = np.tanh(each.values / width), f"tanh({atoms[place]}/{width:.2g})"
-        names += [f"{atoms[place]}*|{words[place]}|", text]
-        turn = f"np.tanh(x[{place}] / {width!r})"
-        code += [f"x[{place}] * np.abs(x[{place}])", turn]
-        columns += [each.values * np.abs(each.values), direction]
-        for other, beside in enumerate(inputs):
-            if other != place:
-                names.append(f"{text}*{atoms[other]}")
-                code.append(f"{turn} * x[{other}]")
-                columns.append(direction * beside.values)
-    return names, code, np.stack(columns, axis=2)
+        text, turn = f"tanh({atoms[place]}/{width:.2g})", f"np.tanh(x[{place}] / {width!r})"
+        direction = np.tanh(each.values / width)
+        yield text, turn, direction
+        for other in [k for k in range(len(inputs)) if k != place]:
+            yield f"{text}*{atoms[other]}", f"{turn} * x[{other}]", direction * inputs[other].values
 
 
 @dataclass(frozen=True)
