@@ -15,7 +15,7 @@ from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, cor
 from stages.science.discrepancy.naming import Choice, Named, Round, is_worth, rank
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
-from stages.science.output_channels.fitting import Fit, fit
+from stages.science.output_channels.fitting import fit
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.output_channel import Divide, compute_here, list_starts
 
@@ -170,13 +170,10 @@ def _add(
 
 
 def _carry(state: FittedChannel, chosen: Fitted, generator: np.random.Generator) -> FittedChannel:
-    """Return an output whose present fit carries a chosen form."""
-    best = _start_anew(chosen, generator)
-    return state.continue_from(refine(best.model, best.values, best.spread))
+    """Return an output whose present fit carries a chosen form.
 
-
-def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
-    """Return the best of fits that begin at other values of the newest effect, the chosen one among them."""
+    It is the best of fits that begin at other values of the form's parameters, the chosen one among them.
+    """
     model, noise = chosen.fit.model, chosen.estimate_noise()
     newest = model.forms[-1]
     known, fixed = len(chosen.fit.values) - len(newest.parameters), len(model.output.constants)
@@ -189,10 +186,11 @@ def _start_anew(chosen: Fitted, generator: np.random.Generator) -> Fit:
         found.append(fit(model, noise, values, iterations=LONG))
     if not newest.scales:
         noise = make_plain(chosen.fit.spread)
-        best = min(found, key=lambda each: each.cost(noise)).values
-        for drawn in generator.standard_normal((NEARBY_STARTS, len(best))):
-            found.append(fit(model, noise, best + NEARBY * model.prior[1] * drawn, iterations=LONG))
-    return min(found, key=lambda each: each.cost(noise))
+        middle = min(found, key=lambda each: each.cost(noise)).values
+        for drawn in generator.standard_normal((NEARBY_STARTS, len(middle))):
+            found.append(fit(model, noise, middle + NEARBY * model.prior[1] * drawn, iterations=LONG))
+    best = min(found, key=lambda each: each.cost(noise))
+    return state.continue_from(refine(model, best.values, best.spread))
 
 
 def _correct_others(found: Search, place: int) -> None:
