@@ -87,8 +87,7 @@ def _choose_last(candidates: Sequence[int], records: Sequence[str], share: float
     for k in candidates:
         blocks.setdefault(records[k] if records else "", []).append(k)
     single = [k for own in blocks.values() if len(own) == 1 for k in own]
-    several = [own for own in blocks.values() if len(own) > 1]
-    streams = [*several, *([single] if single else [])]
+    streams = [single, *(own for own in blocks.values() if len(own) > 1)]
     return sorted(k for own in streams for k in own[len(own) - max(round(share * len(own)), 1) :])
 
 

@@ -147,5 +147,4 @@ def choose_verification(trials: int, share: float) -> list[int]:
     if trials < 3:
         raise ValueError(f"expected at least 3 trials, two to fit and one to verify, got {trials}; record more")
     chosen = [k for k in range(trials) if int((k + 1) * share + 1e-9) > int(k * share + 1e-9)]
-    kept = chosen[-(trials - 2) :] if len(chosen) > trials - 2 else chosen
-    return kept or [trials - 1]
+    return chosen[-(trials - 2) :] or [trials - 1]
