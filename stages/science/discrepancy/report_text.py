@@ -38,9 +38,7 @@ TIMES = {"paces": 1.0, "paces_late": 1.0, "periods": 2.0 * math.pi}
 
 
 def describe_verdict(
-    verdict: Mapping[str, Any],
-    places: Sequence[Mapping[str, Any]],
-    settings: DiscrepancySettings,
+    verdict: Mapping[str, Any], places: Sequence[Mapping[str, Any]], settings: DiscrepancySettings
 ) -> list[str]:
     """Return the verdict, as kept in verdict.json, as sentences.
 
@@ -50,7 +48,7 @@ def describe_verdict(
         gap = verdict["gap"]
         return [
             f"Nothing that matters is missing, with probability {say_sure(1.0 - verdict['missing_probability'])}: on "
-            f"{_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
+            f"{_count(verdict)} the gap is {_percent(gap['before'])} of range; "
             f"{_compare_with_floor(gap['before'], gap['noise_floor'])}; in its worst channel it is at most "
             f"{gap['over_floor']['high']:.2f} times the floor ("
             f"{_percent(settings.level)} one-sided limit over trials).",
@@ -66,7 +64,7 @@ def describe_verdict(
 
 def describe_absorbed(names: Sequence[str]) -> list[str]:
     """Return which effects could act where the gap is but cannot be told from the fitted constants, if any."""
-    told = _shorten([_spell(each) for each in names]) if names else ""
+    told = _shorten([_spell(each) for each in names])
     return [f"Not judged, as in these data the fitted constants absorb what it does: {told}."] if names else []
 
 
@@ -113,15 +111,11 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
     doubt_of_gap = f"{_percent(settings.level)} interval {ends}, p = {gap['p_value']:.2g}"
     if len(verdict["verification_trials"]) == 1:
         doubt_of_gap = "one trial gives neither interval nor p-value"
-    closing = (
-        f"With {them} the gap of {_spell_channels(verdict)} on {_count(verdict)} not fitted goes from "
-        f"{_percent(gap['before'])} to {_percent(gap['after'])} of range ({doubt_of_gap})"
-    )
+    unseen, signals = _count(verdict), _join([name_signal(each)[0] for each in gap["channels"]])
+    before, after = _percent(gap["before"]), _percent(gap["after"])
+    closing = f"With {them} the gap of {signals} on {unseen} goes from {before} to {after} of range ({doubt_of_gap})"
     if all(each["name"] == QUANTISATION for each in effects):
-        closing = (
-            f"On {_count(verdict)} not fitted the gap of {_spell_channels(verdict)} is {_percent(gap['before'])} of "
-            f"range, with {them} as without"
-        )
+        closing = f"On {unseen} the gap of {signals} is {before} of range, with {them} as without"
     return [
         *told,
         *([doubt] if left["imitated"] > settings.search.certain else []),
@@ -134,7 +128,7 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
 def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap, over_floor = verdict["gap"], verdict["gap"]["over_floor"]
     on_test = (
-        f"On {_count(verdict)} not fitted the gap is {_percent(gap['before'])} of range; "
+        f"On {_count(verdict)} the gap is {_percent(gap['before'])} of range; "
         f"{_compare_with_floor(gap['before'], gap['noise_floor'])}."
     )
     left, share = verdict["remainder"], verdict["remainder"]["share"]
@@ -148,8 +142,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     alone = next(each["heldout_gap"] for each in verdict["ranking"] if each["name"] == "none")
     least = settings.report.nearest_gap * alone
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
-    nearest = min(helping, key=lambda each: each["heldout_gap"], default=None)
-    near = ""
+    nearest, near = min(helping, key=lambda each: each["heldout_gap"], default=None), ""
     suspected = {each["name"] for each in verdict["suspected"] if each["probability"] >= LEAST_SUSPECTED}
     if nearest:
         doubt = f"probability {say_sure(nearest['probability'])}" if nearest["name"] not in suspected else "see below"
@@ -253,13 +246,9 @@ def describe_scales(plant: Plant | RecordPlant) -> list[str]:
     """Return the scales and the pace in which effects on a machine of records tell their sizes; none for muscles."""
     if not isinstance(plant, RecordPlant):
         return []
-    scales = [(plant.output, plant.output_scale)]
-    if isinstance(plant, ElementPlant):
-        scales.append((plant.along, plant.along_scale))
-    told = []
-    for name, scale in [each for each in scales if each[1] is not None]:
-        words, unit = name_signal(name)
-        told.append(f"a scale of {words} is {scale:.3g} {unit}".strip())
+    scales = [(*name_signal(plant.output), plant.output_scale)]
+    scales += [(*name_signal(plant.along), plant.along_scale)] if isinstance(plant, ElementPlant) else []
+    told = [f"a scale of {words} is {scale:.3g} {unit}".strip() for words, unit, scale in scales if scale is not None]
     told += [f"a pace is {plant.time_scale_s:.3g} s"] if plant.time_scale_s is not None else []
     return [f"Where sizes are told in them, {_join(told)}."] if told else []
 
@@ -565,11 +554,7 @@ def _is_candidate(row: Mapping[str, Any]) -> bool:
 
 def _count(verdict: Mapping[str, Any]) -> str:
     trials = len(verdict["verification_trials"])
-    return f"{trials} trial{'s' if trials > 1 else ''}"
-
-
-def _spell_channels(verdict: Mapping[str, Any]) -> str:
-    return _join([name_signal(each)[0] for each in verdict["gap"]["channels"]])
+    return f"{trials} trial{'s' if trials > 1 else ''} not fitted"
 
 
 def _percent(value: float) -> str:
