@@ -15,8 +15,7 @@ from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.amendment import amend_plant, estimate_intervals
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
-from stages.science.discrepancy.patch import read_patches
-from stages.science.discrepancy.restoring import SearchTables
+from stages.science.discrepancy.restoring import SearchTables, read_maps
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.plant.machine import Machine
 
@@ -59,7 +58,7 @@ def amend_model(
         model, values = found.restore(output, found.last_step)
         rows += estimate_intervals(model, values, found.read_noise(output), settings, ctx.generator("resample"))
     amended = pd.DataFrame(rows, columns=list(AMENDED_VALUES.columns))
-    learned = list(read_patches(learned_maps).values())
+    learned = list(read_maps(learned_maps).values())
     plant = amend_plant(dataset.plant, amended, learned, found.channels, tables.measured_muscles)
     ctx.document("amended", plant, "yaml")
     return amended

@@ -17,8 +17,7 @@ from pipeline.table import Table, column
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.description import Description, average_dependence, describe_above_floor, tabulate
 from stages.science.discrepancy.effect_file import choose_formula, write_effect
-from stages.science.discrepancy.patch import list_patches
-from stages.science.discrepancy.restoring import SearchTables
+from stages.science.discrepancy.restoring import SearchTables, list_maps
 from stages.science.discrepancy.settings import DescriptionSettings, DiscrepancySettings
 from stages.science.figures.located_gap import draw_unexplained
 from stages.science.plant.machine import Machine
@@ -115,7 +114,8 @@ def explain_remainder(cfg: Config, tables: DatasetTables, found: SearchTables, c
             "trials), and what a Gaussian process makes of it (lines, two standard deviations). It has no name.",
         )
     own = [] if settings.write_effect is None else [keep_effect(settings.write_effect, described, dataset.plant, ctx)]
-    rows: list[list[Any]] = [[tabulate(each) for each in described], list_patches(described), own]
+    maps = list_maps(each.patch for each in described if each.patch is not None)
+    rows: list[list[Any]] = [[tabulate(each) for each in described], maps, own]
     both = zip(explain_remainder.writes, rows, strict=True)
     return {table.name: pd.DataFrame(kept, columns=list(table.columns)) for table, kept in both}
 

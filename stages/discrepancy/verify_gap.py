@@ -19,9 +19,8 @@ from pipeline.table import Table, column, sentences
 from stages.science.discrepancy import report_text
 from stages.science.discrepancy.dataset import DatasetTables, build_dataset
 from stages.science.discrepancy.parts import PURPOSES
-from stages.science.discrepancy.patch import read_patches
 from stages.science.discrepancy.resampling import resample
-from stages.science.discrepancy.restoring import SearchTables
+from stages.science.discrepancy.restoring import SearchTables, read_maps
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.signature import trace_effects
@@ -129,7 +128,7 @@ def verify_gap(
     status, last = found.status, found.last_step
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, settings)
     test = dataset.test
-    learned = read_patches(learned_maps)
+    learned = read_maps(learned_maps)
     weights = resample(len(dataset.fitted), settings.bootstraps, ctx.generator("resample", "bands"))
     verified = verify(dataset.outputs, dataset.fitted, found, learned, weights, ctx.divide)
     opened = Opened(verified, settings, ctx.generator)

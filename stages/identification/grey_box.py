@@ -22,7 +22,7 @@ from pipeline.context import Context
 from pipeline.stage import stage
 from pipeline.table import Table, column, sentences
 from stages.science.discrepancy.amendment import amend_plant
-from stages.science.discrepancy.patch import read_patches
+from stages.science.discrepancy.restoring import read_maps
 from stages.science.figures.grey_box import draw_rungs
 from stages.science.gp.expected_error import scale_intervals
 from stages.science.gp.marginal import MarginalGP
@@ -258,7 +258,7 @@ def grey_box(
     unseen_bank: pd.DataFrame | None = None,
 ) -> dict[str, pd.DataFrame]:
     """Identify what the amended plant leaves, and compare it with each plant alone and with the design's models."""
-    learned = list(read_patches(learned_maps).values())
+    learned = list(read_maps(learned_maps).values())
     amended = Plant.model_validate(amend_plant(cfg.plant, amended_values, learned, channels, measured_muscles))
     plants = {NOMINAL: cfg.plant, AMENDED: amended}
     plants |= amend_by_steps(cfg.plant, discrimination_values, amended_values, channels, measured_muscles)

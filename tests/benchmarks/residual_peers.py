@@ -29,8 +29,7 @@ from stages.benchmark.blinded_rig.sessions import DRAWN
 from stages.benchmark.blinded_rig.surroundings import SEED_OFFSET, CatalogueName
 from stages.science.discrepancy.muscle_dataset import build_muscle_channels
 from stages.science.discrepancy.parts import FITTED
-from stages.science.discrepancy.patch import read_patches
-from stages.science.discrepancy.restoring import SearchTables
+from stages.science.discrepancy.restoring import SearchTables, read_maps
 from stages.science.output_channels.features import evaluate_map
 from stages.science.output_channels.muscle_channels import MuscleChannel
 from stages.science.recording.datasets import tabulate_session
@@ -160,7 +159,7 @@ def amend(recorded: Recorded, folder: Path) -> Amended:
     found = SearchTables(**{name: read[name] for name in SEARCHED})
     fitted = np.flatnonzero(read["trial_parts"]["part"] == FITTED).tolist()
     names = list(dict.fromkeys(found.named_effects["name"]))
-    return Amended(found, read_patches(read["learned_maps"]), names, fitted, seconds)
+    return Amended(found, read_maps(read["learned_maps"]), names, fitted, seconds)
 
 
 def simulate(output: MuscleChannel, amended: Amended, step: int, mapped: bool = False) -> Array:

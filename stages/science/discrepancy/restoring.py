@@ -1,7 +1,8 @@
-"""Fits and outputs rebuilt from the tables that keep them, and rows for those tables."""
+"""Fits, outputs and learned maps rebuilt from the tables that keep them, and rows for those tables."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -13,7 +14,11 @@ from stages.science.output_channels.flexible import Leftover
 from stages.science.output_channels.noise import Noise, make_plain
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.plant.effect import NamedEffect
+from stages.science.plant.learned_map import LearnedInput, LearnedMap
 from stages.science.signals.trajectories import Array
+
+MAP_VALUES = ("deviation", "lowest", "highest")
+INPUT_VALUES = tuple(name for name in LearnedInput.model_fields if name != "name")
 
 
 @dataclass(frozen=True)
@@ -135,3 +140,41 @@ def _group(rows: pd.DataFrame) -> list[tuple[str, str, dict[str, float]]]:
         (str(effect), str(form), {str(n): float(v) for n, v in zip(given["parameter"], given["value"], strict=True)})
         for (effect, form), given in rows.groupby(["effect", "form"], sort=False)
     ]
+
+
+def list_maps(maps: Iterable[LearnedMap]) -> list[dict[str, Any]]:
+    """Return the rows of the table `learned_maps`: an input of a bump of each map."""
+    return [
+        {
+            "channel": learned.channel,
+            "muscle": learned.element,
+            "point": place,
+            "input": told.name,
+            "value": at,
+            **{name: getattr(told, name) for name in INPUT_VALUES},
+            "weight": weight,
+            **{name: getattr(learned, name) for name in MAP_VALUES},
+        }
+        for learned in maps
+        for place, (point, weight) in enumerate(zip(learned.points, learned.weights, strict=True))
+        for at, told in zip(point, learned.inputs, strict=True)
+    ]
+
+
+def read_maps(rows: pd.DataFrame) -> dict[tuple[str, str], LearnedMap]:
+    """Return the maps of the table `learned_maps`, by channel and muscle."""
+    return {
+        (str(channel), str(muscle)): LearnedMap(
+            channel=str(channel),
+            element=str(muscle),
+            inputs=[_read_input(row) for row in own[own["point"] == 0].to_dict("records")],
+            **{name: float(own[name].iloc[0]) for name in MAP_VALUES},
+            points=[each["value"].tolist() for _, each in own.groupby("point")],
+            weights=own.groupby("point")["weight"].first().tolist(),
+        )
+        for (channel, muscle), own in rows.groupby(["channel", "muscle"], sort=False)
+    }
+
+
+def _read_input(row: Mapping[Any, Any]) -> LearnedInput:
+    return LearnedInput(name=str(row["input"]), **{name: float(row[name]) for name in INPUT_VALUES})
