@@ -206,17 +206,15 @@ class _Forward:
 
     def _leave_out(self, chosen: Sequence[int], squares: Array, learnt: NDArray[np.bool_]) -> Array:
         """Return what is left of the squares of each trial learnt, when the others predict it."""
-        least = None
+        lefts = []
         for grams, cross in self._sum(tuple(sorted(chosen))):
             own, against = grams[learnt], cross[learnt]
             total, summed = own.sum(axis=0) - own, against.sum(axis=0) - against
             for ridge in RIDGES:
                 weights = np.linalg.solve(total + ridge * np.eye(total.shape[1]), summed[:, :, None])[:, :, 0]
                 curved = np.einsum("kp,kpq,kq->k", weights, own, weights)
-                left = squares[learnt] - 2.0 * (weights * against).sum(axis=1) + curved
-                least = left if least is None or left.sum() < least.sum() else least
-        assert least is not None
-        return least
+                lefts.append(squares[learnt] - 2.0 * (weights * against).sum(axis=1) + curved)
+        return min(lefts, key=lambda left: float(left.sum()))
 
     def _sum(self, chosen: tuple[int, ...]) -> list[tuple[Array, Array]]:
         """Return by length the sums of each trial's features, (K, M, M), and of them by the target, (K, M)."""

@@ -64,13 +64,11 @@ def list_excitations(
     lead-in, in which they stay as they begin.
     """
     times: Array = np.maximum(step_s * np.arange(samples, dtype=float) - lead_in_s, 0.0)
-    moving = [name for name, shape in SHAPES.items() if np.ptp(shape(times, movement_s)) > 0.0]
-    low = next(iter(SHAPES))
-    chosen = [
-        each
+    drawn = {name: shape(times, movement_s) for name, shape in SHAPES.items()}
+    moving, low = [name for name, share in drawn.items() if np.ptp(share) > 0.0], next(iter(SHAPES))
+    kinds = [
+        dict(zip(levers, each, strict=True))
         for each in product(SHAPES, repeat=len(levers))
         if any(kind in moving for kind in each) and sum(kind != low for kind in each) <= MOST_AT_ONCE
     ]
-    kinds = [dict(zip(levers, each, strict=True)) for each in chosen]
-    drawn = {name: shape(times, movement_s) for name, shape in SHAPES.items()}
     return kinds, {lever: np.stack([drawn[each[lever]] for each in kinds], axis=1) for lever in levers}

@@ -46,24 +46,24 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[NamedEffect]) -> list[Screene
     constants, placed = fit.model.name_values(fit.values)
     simulated = output.simulate(constants, placed)
     best = _try_starts(fit, [form for form in forms if form.tried or not form.scales])
-    owners, starts, changes = [], [], []
+    tried = []
     for form in [each for each in forms if each.scales and not each.tried]:
         for start in output.starts(form, constants):
             change = output.simulate(constants, [*placed, (form, start)]) - simulated
             if np.isfinite(change).all() and np.abs(change[present]).max(initial=0.0) > 0.0:
-                owners.append(form)
-                starts.append(start)
-                changes.append(np.where(present, change, 0.0))
-    if not changes:
+                tried.append((form, start, np.where(present, change, 0.0)))
+    if not tried:
         return list(best.values())
-    columns = np.concatenate([fit.slopes, np.stack(changes, axis=2), fit.residual[:, :, None]], axis=2)
+    changes = np.stack([change for _, _, change in tried], axis=2)
+    columns = np.concatenate([fit.slopes, changes, fit.residual[:, :, None]], axis=2)
     white = whiten(columns, present, noise, output.step_s)
     grams, raw = (collect_grams(each[:, :, :-1], each[:, :, -1], present) for each in (white, columns))
     unit = raw.square.sum() / max(raw.samples.sum(), 1.0)
     plain = Grams(raw.slopes / unit, raw.cross / unit, raw.square / unit, raw.samples)
     known = len(fit.values)
-    for index, (form, start) in enumerate(zip(owners, starts, strict=True)):
-        signed = form.parameters[0].low < 0.0
+    for index, (form, start, _) in enumerate(tried):
+        first = form.parameters[0]
+        signed = first.low < 0.0
         gain, scale, confounded = _regress(fit, grams, known + index, signed)
         raw_gain = _regress(fit, plain, known + index, signed)[0]
         if output.shows(form):
@@ -73,7 +73,6 @@ def screen(fit: Fit, noise: Noise, forms: Sequence[NamedEffect]) -> list[Screene
                 for each in (grams, plain)
             )
         raw_gain /= float(plain.square.sum())
-        first = form.parameters[0]
         magnitude = float(np.clip(scale * start[first.name], first.low, first.high))
         started = {**start, first.name: magnitude if magnitude != 0.0 else start[first.name]}
         key = (form.name, form.form)
