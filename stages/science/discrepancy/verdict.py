@@ -12,6 +12,7 @@ from stages.science.statistics.sign_flips import least_p
 DEPENDS_ON = ("channel", "muscle", "share", "low", "high", "hint", "hint_share")
 AMENDED = "documents/amended.yaml"
 """Document that holds the amended plant."""
+INTERVAL = ["value", "low", "high"]
 UPSTREAM = ("command", "valve")
 """Sites that show in pressure alone."""
 
@@ -64,8 +65,6 @@ def locate_most(
     shown = np.array([each in carried for each in zip(rows["channel"], rows["muscle"], strict=True)], dtype=bool)
     rows = rows[(shown | (rows["gap_over_floor"] > settings.search.smallest_gap)) & (rows["regime"] != "everywhere")]
     rows = rows[~rows["regime"].str.contains("Hz") & (rows["share_of_time"] > 0.0)]
-    if rows.empty:
-        return []
     dense = rows["share_of_gap"] ** 2 / rows["share_of_time"]
     rows = rows.assign(dense=dense.where(rows["p_adjusted"] <= settings.significance, dense * 1e-3))
     best = rows.sort_values("dense", ascending=False).groupby(place, sort=False).head(1)
@@ -113,7 +112,7 @@ def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str
         its = (values["effect"] == first["name"]) & (values["channel"] == first["channel"])
         own = values[its & values["muscle"].isin(rows["muscle"])]
         alike = own[own["form"] == form]
-        pooled = alike.groupby("parameter", sort=False)[["value", "low", "high"]].mean()
+        pooled = alike.groupby("parameter", sort=False)[INTERVAL].mean()
         like = str(first["indistinguishable_from"])
         effects.append(
             {
@@ -126,17 +125,13 @@ def describe_effects(named: pd.DataFrame, values: pd.DataFrame) -> list[dict[str
                 "p_value": float(first["p_value"]),
                 "reproduced": bool(first["reproduced"]),
                 "step": {"before": first["gap_before"], "after": first["gap_after"], "p_value": first["p_step"]},
-                "parameters": {str(name): _interval(row) for name, row in pooled.iterrows()},
+                "parameters": pooled.to_dict("index"),
                 "forms": dict(zip(rows["muscle"].astype(str), rows["form"].astype(str), strict=True)),
                 "by_muscle": {
-                    str(muscle): {str(row["parameter"]): _interval(row) for _, row in mine.iterrows()}
+                    str(muscle): mine.set_index("parameter")[INTERVAL].to_dict("index")
                     for muscle, mine in own.groupby("muscle", sort=False)
                 },
                 "indistinguishable_from": like.split(",") if like else [],
             }
         )
     return effects
-
-
-def _interval(row: Any) -> dict[str, float]:
-    return {name: float(row[name]) for name in ("value", "low", "high")}
