@@ -217,7 +217,7 @@ def verify_gap(
     )
     return {
         VERIFICATION.name: verification,
-        PREDICTIONS.name: predictions,
+        PREDICTIONS.name: predictions[list(PREDICTIONS.columns)],
         FINDINGS.name: pd.DataFrame({"sentence": findings}),
         REMARKS.name: pd.DataFrame({"sentence": remarks}),
         NEXT_STEPS.name: pd.DataFrame({"sentence": [command, *report_text.describe_own_effect(own_effect)]}),

@@ -7,6 +7,7 @@ import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.resampling import find_interval, resample
+from stages.science.discrepancy.restoring import name_values
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import Noise
@@ -33,17 +34,17 @@ def amend_plant(
     """
     constants, added = values[values["effect"] == ""], values[values["effect"] != ""]
     effects = [
-        (str(effect), str(form), str(carrier), _by_name(rows))
+        (str(effect), str(form), str(carrier), name_values(rows))
         for (effect, form, carrier), rows in added.groupby(["effect", "form", "muscle"], sort=False)
     ]
     if isinstance(plant, RecordPlant):
         added_effects = [(name, form, told) for name, form, _, told in effects]
-        return plant.amend(_by_name(constants), added_effects, learned).model_dump()
+        return plant.amend(name_values(constants), added_effects, learned).model_dump()
     noise = channels.set_index(["channel", "muscle"])["white"]
     models: dict[str, Any] = {name: model.model_dump() for name, model in plant.muscles.items()}
     for muscle, kind in zip(muscles["muscle"], muscles["type"], strict=True):
         base = plant.muscles.get(muscle) or plant.muscles.get(kind) or next(iter(plant.muscles.values()))
-        models[muscle] = base.model_dump() | _by_name(constants[constants["muscle"] == muscle])
+        models[muscle] = base.model_dump() | name_values(constants[constants["muscle"] == muscle])
         for channel, name in (("pressure_kpa", "pressure_noise_kpa"), ("force_n", "force_noise_n")):
             if (channel, muscle) in noise.index:
                 models[muscle][name] = float(noise[channel, muscle])
@@ -51,10 +52,6 @@ def amend_plant(
     entries += [{"name": name, "form": form, "muscles": [carrier], **told} for name, form, carrier, told in effects]
     maps = [each.model_dump() for each in learned]
     return {**plant.model_dump(), "muscles": models, "effects": entries, "learned": maps}
-
-
-def _by_name(rows: pd.DataFrame) -> dict[str, float]:
-    return {str(name): float(value) for name, value in zip(rows["parameter"], rows["value"], strict=True)}
 
 
 def estimate_intervals(

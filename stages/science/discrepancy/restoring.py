@@ -68,8 +68,8 @@ class SearchTables:
         rows = now[now["channel"] == output.channel]
         upstream = now[(now["channel"] != output.channel) & (now["effect"] != "")]
         output = output.correct(_group(upstream))
-        constants = rows[rows["effect"] == ""].set_index("parameter")["value"]
-        values = [float(constants[each.name]) for each in output.constants]
+        constants = name_values(rows[rows["effect"] == ""])
+        values = [constants[each.name] for each in output.constants]
         forms: list[NamedEffect] = []
         for effect, form, by_name in _group(rows[rows["effect"] != ""]):
             found = next((each for each in output.forms if (each.name, each.form) == (effect, form)), None)
@@ -91,19 +91,18 @@ class SearchTables:
 
 def list_residuals(states: Sequence[FittedChannel], trials: Sequence[int]) -> pd.DataFrame:
     """Return the rows of the table `residuals`; `trials` are the numbers of the outputs' trials."""
-    frames = []
-    for state in states:
-        place, sample = np.nonzero(state.output.present.T)
-        rows = {
-            "channel": state.output.channel,
-            "muscle": state.output.element,
-            "trial": np.asarray(trials)[place],
-            "sample": sample,
-            "residual": state.nominal.residual[sample, place],
-            "left": state.leftover.residual[sample, place],
-        }
-        frames.append(pd.DataFrame(rows))
-    return pd.concat(frames, ignore_index=True)
+    rows = [
+        list_samples(each.output, trials, residual=each.nominal.residual, left=each.leftover.residual)
+        for each in states
+    ]
+    return pd.concat(rows, ignore_index=True)
+
+
+def list_samples(output: OutputChannel, trials: Sequence[int], **signals: Array) -> pd.DataFrame:
+    """Return a row for each measured sample, trial by trial: ``channel muscle trial sample`` and signals, (T, K)."""
+    place, sample = np.nonzero(output.present.T)
+    told = {"channel": output.channel, "muscle": output.element, "trial": np.asarray(trials)[place], "sample": sample}
+    return pd.DataFrame(told | {name: values[sample, place] for name, values in signals.items()})
 
 
 def restore_states(dataset: Dataset, tables: NominalTables) -> list[FittedChannel]:
@@ -137,9 +136,14 @@ def restore_states(dataset: Dataset, tables: NominalTables) -> list[FittedChanne
 def _group(rows: pd.DataFrame) -> list[tuple[str, str, dict[str, float]]]:
     """Return each effect's name, form and parameters."""
     return [
-        (str(effect), str(form), {str(n): float(v) for n, v in zip(given["parameter"], given["value"], strict=True)})
+        (str(effect), str(form), name_values(given))
         for (effect, form), given in rows.groupby(["effect", "form"], sort=False)
     ]
+
+
+def name_values(rows: pd.DataFrame) -> dict[str, float]:
+    """Return the values of rows by the names of their parameters."""
+    return {str(name): float(value) for name, value in zip(rows["parameter"], rows["value"], strict=True)}
 
 
 def list_maps(maps: Iterable[LearnedMap]) -> list[dict[str, Any]]:

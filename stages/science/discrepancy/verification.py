@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from stages.science.discrepancy.bands import Band, find_band, measure_coverage
 from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.resampling import find_interval, resample
-from stages.science.discrepancy.restoring import SearchTables
+from stages.science.discrepancy.restoring import SearchTables, list_samples
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.features import evaluate_map
 from stages.science.output_channels.fitting import Fit, Model, fit
@@ -229,25 +229,21 @@ class Opened:
 
         The latter with the band in which a measurement is expected, and the simulation's own deviation apart.
         """
-        frames = []
+        frames, parts = [], dict(zip(dataset.trials, dataset.parts, strict=True))
         for each in self.found:
-            output, half = each.output, each.band.reach(self.settings.level)
-            place, sample = np.nonzero(output.present.T)
-            rows = {
-                "trial": np.array(dataset.trials)[place],
-                "part": np.array(dataset.parts, dtype=object)[place],
-                "time_s": sample * output.step_s,
-                "muscle": output.element,
-                "channel": output.channel,
-                "measured": output.measured[sample, place],
-                "before": each.steps[0][sample, place],
-                "after": each.steps[last][sample, place],
-                "patched": each.steps[-1][sample, place],
-                "low": (each.steps[-1] - half)[sample, place],
-                "high": (each.steps[-1] + half)[sample, place],
-                "deviation": each.band.simulated[sample, place],
-            }
-            frames.append(pd.DataFrame(rows))
+            output, half, patched = each.output, each.band.reach(self.settings.level), each.steps[-1]
+            rows = list_samples(
+                output,
+                dataset.trials,
+                measured=output.measured,
+                before=each.steps[0],
+                after=each.steps[last],
+                patched=patched,
+                low=patched - half,
+                high=patched + half,
+                deviation=each.band.simulated,
+            )
+            frames.append(rows.assign(part=rows["trial"].map(parts), time_s=rows["sample"] * output.step_s))
         return pd.concat(frames, ignore_index=True)
 
 
