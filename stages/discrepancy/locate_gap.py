@@ -178,11 +178,8 @@ def locate_gap(cfg: Config, tables: MeasuredTables, ctx: Context) -> dict[str, p
     )
     plane = average_plane(states)
     if len(plane):
-        ctx.figure(
-            "residual_plane",
-            draw_residual_plane(plane),
-            "Residual of the fitted nominal model over the state plane.",
-        )
+        told = "Residual of the fitted nominal model over the state plane."
+        ctx.figure("residual_plane", draw_residual_plane(plane), told)
     return {
         TRIAL_PARTS.name: parts,
         NOMINAL_FIT.name: pd.DataFrame([row for each in states for row in list_constants(each, weights, settings)]),

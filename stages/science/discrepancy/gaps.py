@@ -90,12 +90,10 @@ def _find_regimes(output: OutputChannel, around_reversal: float) -> dict[str, Ma
             middle = float(np.median(driver.values[present])) if present.any() else 0.0
             regimes[f"high {name}"] = driver.values > middle
             regimes[f"low {name}"] = driver.values <= middle
-    samples, trials = output.measured.shape
-    sample, trial = np.indices((samples, trials))
-    regimes["early in the trial"] = sample < 0.5 * samples
-    regimes["late in the trial"] = sample >= 0.5 * samples
-    regimes["early in the session"] = trial < 0.5 * trials
-    regimes["late in the session"] = trial >= 0.5 * trials
+    shape = output.measured.shape
+    for whole, place, length in zip(("trial", "session"), np.indices(shape), shape, strict=True):
+        regimes[f"early in the {whole}"] = place < 0.5 * length
+        regimes[f"late in the {whole}"] = place >= 0.5 * length
     return {name: mask & present for name, mask in regimes.items()}
 
 

@@ -32,12 +32,8 @@ SIGNALS = {
     "velocity_per_s": "contraction_velocity_per_s",
     "force_n": "force_n",
 }
-
-
 SAMPLES = 5
 """Samples in the width over which pressure is smoothed, of the most that are kept."""
-
-
 Spread = Mapping[str, tuple[Any, Array]]
 """By column, where it was measured, and its values, (T, K) each."""
 

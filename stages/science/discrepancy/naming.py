@@ -34,7 +34,6 @@ class Left(NamedTuple):
 
 PASSES = 2
 """Times that candidates are fitted under the noise of trials that the best of them leaves."""
-
 NEAR_BEST = 1.25
 """Sum of squares over that of the best form, up to which a form is fitted under its own noise too, and over that of a
 static map, up to which the map is not clearly better."""
