@@ -1,7 +1,7 @@
 """The seal is opened, after the verdict: what was hidden beside what was named.
 
-In: the seal, the nominal gaps, the decision and what it names, and the verification, which comes before this. Out:
-`comparison_with_truth`, muscle by muscle, and `outcome`, the same in words.
+In: the seal, the further trials, the nominal gaps, the decision and what it names, and the verification, which comes
+before this. Out: `comparison_with_truth`, muscle by muscle, and `outcome`, the same in words.
 """
 
 from collections.abc import Mapping, Sequence
@@ -15,6 +15,7 @@ from pipeline.errors import InputError
 from pipeline.stage import stage
 from pipeline.table import Table, column
 from stages.science.discrepancy.report_text import say_sure
+from stages.science.plant.effect import list_effects
 from stages.science.rig.sessions import seal_truth
 
 COMPARISON_WITH_TRUTH = Table(
@@ -39,6 +40,7 @@ OUTCOME = Table(
 class Config(Section):
     """What this stage reads."""
 
+    next_trials: int
     rig: Target
 
 
@@ -46,6 +48,7 @@ class Config(Section):
 def unblinding(
     cfg: Config,
     seal: pd.DataFrame,
+    further_trials: pd.DataFrame,
     channels: pd.DataFrame,
     decision: pd.DataFrame,
     named_effects: pd.DataFrame,
@@ -72,6 +75,11 @@ def unblinding(
         f"The gap on trials opened once went from {100 * driven['gap'].iloc[0]:.2g} % of the range to "
         f"{100 * after:.2g} %{mended}; the noise floor is {100 * driven['gap'].iloc[-1]:.2g} %.",
     ]
+    if len(further_trials) < cfg.next_trials:
+        outcome.append(
+            f"Of {cfg.next_trials} further trials {len(further_trials)} were recorded: then there were no two names to "
+            "tell apart, or no trial that would."
+        )
     return pd.DataFrame(rows, columns=list(COMPARISON_WITH_TRUTH.columns)), pd.DataFrame({"outcome": outcome})
 
 
@@ -88,9 +96,12 @@ def _compare(truth: Mapping[str, Any], said: pd.DataFrame, channels: pd.DataFram
 
 def _describe_named(said: pd.DataFrame, hidden: Sequence[Mapping[str, Any]], *, left: bool) -> str:
     """Return what was said, and whether it is right, in a sentence."""
-    if left:
-        return "Nothing was named: something that has no name in the library was found to be left."
     true = {each["name"] for each in hidden}
+    if left:
+        judged = "though no effect was hidden"
+        if true:
+            judged = "which is wrong, as it has one" if true & {*list_effects()} else "which is right"
+        return f"Nothing was named: something without a name in the library was found to be left, {judged}."
     first = said.drop_duplicates("order")
     if first.empty:
         return f"Nothing was named, which is {'wrong' if true else 'right'}."

@@ -71,7 +71,9 @@ def propose_trial(
     """Weigh kinds of excitation by how well they would tell the leading names apart."""
     dataset = build_dataset(cfg.plant, tables, tables.trial_parts, cfg.discrepancy)
     given, written, weighed = cfg.propose_trial, {}, None
-    question = choose_round(ranking, found.named_effects, given.rivals, given.least_probability)
+    question = choose_round(
+        ranking, found.named_effects, found.suspected_effects, given.rivals, given.least_probability
+    )
     chosen: Mapping[str, float] = {} if question is None else question.rivals
     if question is not None and dataset.outputs[0].levers:
         nominal = restore_states(dataset, NominalTables(nominal_fit, found.channels, residuals))

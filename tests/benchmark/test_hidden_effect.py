@@ -13,10 +13,18 @@ from stages.benchmark.blinded_rig.sessions import HiddenSessions
 from tests.benchmark.test_verdicts import judge_session
 from tests.studies import read_stages, run_stage
 
-STAGES = ["blinded_session", "measurement", "locate_gap", "name_effect", "amend_model", "explain_remainder"]
+STAGES = [
+    "blinded_session",
+    "further_trials",
+    "measurement",
+    "locate_gap",
+    "name_effect",
+    "amend_model",
+    "explain_remainder",
+]
 STAGES += ["verify_gap", "unblinding"]
 MUSCLES = "+measurement=muscles"
-DEFAULT = ("+discrepancy=default", "+explain_remainder=default")
+DEFAULT = ("+discrepancy=default", "+explain_remainder=default", "+propose_trial=default", "+next_trials=2")
 RIG = HiddenSessions(5, None, None, None, 3)
 
 
@@ -36,6 +44,8 @@ def recorded(whole, tmp_path_factory):
     study, stages = whole
     folder = tmp_path_factory.mktemp("sealed")
     tables = run_stage(study, stages["blinded_session"], folder, {})
+    columns = list(stages["further_trials"].writes[0].columns)
+    tables["further_recordings"] = pd.DataFrame(columns=columns)
     return {**tables, **run_stage(study, stages["measurement"], folder, tables)}
 
 
@@ -57,7 +67,7 @@ def test_a_session_is_measured_as_its_folder_would_be(session, recorded, tmp_pat
     assert read["measured_session"].drop(columns="source").equals(recorded["measured_session"].drop(columns="source"))
 
 
-def opened(whole, recorded, folder, named, status="named"):
+def opened(whole, recorded, folder, named, status="named", further=2):
     study, stages = whole
     muscles = ["pam1", "pam2", "pam3", "pam4"]
     channels = pd.DataFrame({"channel": "force_n", "muscle": muscles, "gap_over_floor": 2.0})
@@ -65,6 +75,7 @@ def opened(whole, recorded, folder, named, status="named"):
     said = pd.DataFrame(rows, columns=["order", "name", "channel", "muscle", "probability"])
     tables = {
         "seal": recorded["seal"],
+        "further_trials": pd.DataFrame(index=range(further)),
         "channels": channels,
         "decision": pd.DataFrame({"status": [status]}),
         "named_effects": said.assign(indistinguishable_from="capstan_friction"),
@@ -85,9 +96,11 @@ def test_what_was_named_is_compared_muscle_by_muscle(session, whole, recorded, t
     assert "which is right." in told
     assert "from 3 % of the range to 2 %; the noise floor is 1 %" in told
     assert "which is wrong." in opened(whole, recorded, tmp_path, [("leakage", first)])[1]
-    compared, told = opened(whole, recorded, tmp_path, [], "unexplained")
+    compared, told = opened(whole, recorded, tmp_path, [], "unexplained", further=1)
     assert (compared["named"] == "").all()
-    assert "no name in the library" in told
+    assert "without a name in the library" in told
+    assert "which is wrong, as it has one" in told
+    assert "Of 2 further trials 1 were recorded" in told
     assert "from 3 % of the range to 3 %" in told
 
 

@@ -56,15 +56,11 @@ def find_band(still: Fit, learnt: Mask, weights: Array) -> Band:
     return Band(simulated, float(np.sqrt((left**2).sum() / samples)))
 
 
-def measure_coverage(inside: Array, counts: Array, weights: Array, level: float) -> dict[str, float]:
+def measure_coverage(inside: Array, counts: Array, weights: Array, level: float) -> dict[str, float | None]:
     """Return the share of samples that bands hold, with its interval over trials drawn by weights, (B, K).
 
-    `inside` and `counts`, (K,), are samples of each trial within its bands, and all of them.
+    `inside` and `counts`, (K,), are samples of each trial within its bands, and all of them; one trial has no interval.
     """
-    low, high = find_interval((weights @ inside) / np.maximum(weights @ counts, 1.0), level)
-    return {
-        "level": level,
-        "coverage": float(inside.sum() / max(counts.sum(), 1.0)),
-        "low": float(low),
-        "high": float(high),
-    }
+    ends = find_interval((weights @ inside) / np.maximum(weights @ counts, 1.0), level).tolist()
+    low, high = ends if len(inside) > 1 else (None, None)
+    return {"level": level, "coverage": float(inside.sum() / max(counts.sum(), 1.0)), "low": low, "high": high}

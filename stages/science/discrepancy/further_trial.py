@@ -28,7 +28,7 @@ class NextTrial:
     """What is known of a machine, and which trial would tell the leading names apart.
 
     `question` is none where no two names are left to tell apart; `weighed` then, and where all kinds of trials are too
-    fast.
+    fast or none is expected to tell more than `ProposalSettings.least_gain`.
     """
 
     decision: Decision
@@ -60,15 +60,18 @@ def choose_next(
     found = search(prepared, settings.search, starts)
     decision = decide(found, settings, signs)
     ranking = pd.DataFrame(rank_first(found, decision.doubts, settings.report.most_confounded))
-    named = pd.DataFrame(
-        list_named(decision.effects, found.rounds), columns=["round", "name", "indistinguishable_from"]
+    columns = ["round", "name", "probability", "indistinguishable_from"]
+    named, suspected = (
+        pd.DataFrame(list_named(each, found.rounds), columns=columns) for each in (decision.effects, decision.suspected)
     )
-    question = choose_round(ranking, named, given.rivals, given.least_probability)
+    question = choose_round(ranking, named, suspected, given.rivals, given.least_probability)
     weighed = None
     if question is not None:
         fits = decision.steps[question.standing]
         states = [replace(state, current=each) for state, each in zip(found.outputs, fits, strict=True)]
         weighed = propose(states, question.rivals, settings.search.largest_jitter, lead_in_s)
+    if weighed is not None and weighed.gain < given.least_gain:
+        weighed = None
     return NextTrial(decision, question, weighed)
 
 

@@ -61,17 +61,26 @@ class Question(NamedTuple):
     leading: float
 
 
-def choose_round(ranking: pd.DataFrame, named: pd.DataFrame, most: int, least: float) -> Question | None:
+def choose_round(
+    ranking: pd.DataFrame, named: pd.DataFrame, suspected: pd.DataFrame, most: int, least: float
+) -> Question | None:
     """Return the round of the search whose name is least sure, with the rivals that `choose_rivals` finds in it.
 
-    Rows are of the tables `ranking` and `named_effects`. Rounds are looked at up to the one after the last name that
-    stands, in which more is looked for beside them. A name that stands by another round is no rival, as both are there,
-    unless these data do not exclude it in place of the round's own. Where no round has two rivals there is none.
+    Rows are of the tables `ranking`, `named_effects` and `suspected_effects`. Rounds are looked at up to the one after
+    the last name that stands, in which more is looked for beside them, and those of suspected names, each of which has
+    no effect as its rival. A name that stands by another round is no rival, as both are there, unless these data do not
+    exclude it in place of the round's own. Where no round has two rivals there is none.
     """
     added = named[named["round"] > 0].groupby("round")[["name", "indistinguishable_from"]].first()
     found: list[Question] = []
-    for number in range(1, int(max(added.index, default=0)) + 2):
+    held = suspected[suspected["round"] > 0].groupby("round")[["name", "probability"]].first()
+    for number in sorted({*range(1, int(max(added.index, default=0)) + 2), *held.index}):
         rows = ranking[(ranking["round"] == number) & (ranking["name"] != UNKNOWN)]
+        if number in held.index:
+            name, probability = held.loc[number]
+            scaled = rows["probability"] * probability / rows.set_index("name")["probability"][name]
+            scaled = scaled.where(rows["name"] != NONE, 1.0 - scaled[rows["name"] != NONE].sum())
+            rows = rows.assign(probability=scaled.clip(lower=0.0))
         like = str(added["indistinguishable_from"].get(number, ""))
         alike = like.split(",") if like else []
         others = set(added["name"].drop(number, errors="ignore")) - set(alike)

@@ -90,7 +90,7 @@ def _describe_suspected(verdict: Mapping[str, Any]) -> list[str]:
 def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
     gap, effects, left = verdict["gap"], verdict["effects"], verdict["remainder"]
     family = FAMILIES.get(left["family"], "a flexible model")
-    told = [_describe_effect(each, verdict["ranking"], first=number == 0) for number, each in enumerate(effects)]
+    told = [_describe_effect(each, verdict) for each in effects]
     channels = [each["channel"] for each in effects]
     if len(effects) > 1 and max(channels.count(each) for each in channels) >= settings.search.most_effects:
         doubt = "So many names in one channel may stand in for one effect that the library does not hold."
@@ -107,10 +107,10 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
         where, more = "Something", f"predicts trials left out better, by less than {least} of what was above the noise"
     remains = f"{where} remains: {family} {more}; that has no name in the library."
     them = "it" if len(effects) == 1 else "them"
-    ends = f"{_percent(gap['low'])} to {_percent(gap['high'])}"
-    doubt_of_gap = f"{_percent(settings.level)} interval {ends}, p = {gap['p_value']:.2g}"
-    if len(verdict["verification_trials"]) == 1:
-        doubt_of_gap = "one trial gives neither interval nor p-value"
+    doubt_of_gap = "one trial gives neither interval nor p-value"
+    if gap["low"] is not None:
+        ends = f"{_percent(settings.level)} interval {_percent(gap['low'])} to {_percent(gap['high'])}"
+        doubt_of_gap = f"{ends}, two-sided p = {gap['p_value']:.2g}"
     unseen, signals = _count(verdict), _join([name_signal(each)[0] for each in gap["channels"]])
     before, after = _percent(gap["before"]), _percent(gap["after"])
     closing = f"With {them} the gap of {signals} on {unseen} goes from {before} to {after} of range ({doubt_of_gap})"
@@ -141,9 +141,12 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
         ]
     alone = next(each["heldout_gap"] for each in verdict["ranking"] if each["name"] == "none")
     least = settings.report.nearest_gap * alone
+    suspected = {each["name"]: each["probability"] for each in verdict["suspected"]}
+    suspected = {name: each for name, each in suspected.items() if each >= LEAST_SUSPECTED}
+    likely = {name for name, each in suspected.items() if each >= settings.search.certain}
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
+    helping = [each for each in helping if each["name"] in likely] or helping
     nearest, near = min(helping, key=lambda each: each["heldout_gap"], default=None), ""
-    suspected = {each["name"] for each in verdict["suspected"] if each["probability"] >= LEAST_SUSPECTED}
     if nearest:
         doubt = f"probability {say_sure(nearest['probability'])}" if nearest["name"] not in suspected else "see below"
         near = (
@@ -163,15 +166,17 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
         takes = f"takes away {_percent(share)} of what is above the noise"
         if share < settings.report.least_share:
             takes = f"predicts trials left out better, by less than {_percent(settings.report.least_share)} of the gap"
+        elif over_floor["value"] <= over_floor["smallest"]:
+            takes = "predicts trials left out better"
         reproducible = f"{family} {takes}"
         reproducible += f"; beside it {hum}" if line_hz is not None else ""
-    likely = any(each["probability"] >= settings.search.certain for each in verdict["suspected"])
     lacks = "that no effect of the library explains better than what has no name"
+    if left["status"] == "unexplained" or line_hz is not None:
+        lacks += f": {reproducible}"
     if likely:
         lacks = "for which trials left out of the fit confirm no effect"
-    what = f": {reproducible}" if left["status"] == "unexplained" or line_hz is not None else ""
     return [
-        f"Something is missing (probability {say_sure(verdict['missing_probability'])}) {lacks}{what}.{near} "
+        f"Something is missing (probability {say_sure(verdict['missing_probability'])}) {lacks}.{near} "
         f"Nothing is named{unchanged}.",
         on_test,
         *_describe_suspected(verdict),
@@ -400,13 +405,15 @@ def describe_loaded_maps(dataset: Dataset) -> list[str]:
     ]
 
 
-def describe_bands(bands: Mapping[str, float]) -> str:
+def describe_bands(bands: Mapping[str, Any]) -> str:
     """Return what share of the test trials' samples bands about the amended simulation hold."""
     text = (
         f"The {_percent(bands['level'])} bands about the amended simulation, in the table predictions, hold "
-        f"{100 * bands['coverage']:.3g} % of the samples of these trials ({100 * bands['low']:.3g} % to "
-        f"{100 * bands['high']:.3g} %)"
+        f"{100 * bands['coverage']:.3g} % of the samples of these trials"
     )
+    if bands["low"] is None:
+        return f"{text}; one trial gives no interval."
+    text = f"{text} ({100 * bands['low']:.3g} % to {100 * bands['high']:.3g} %)"
     if bands["high"] < bands["level"]:
         return f"{text}: they are too narrow, as these trials differ more than those fitted."
     return f"{text}: they are wider than need be." if bands["low"] > bands["level"] else f"{text}."
@@ -487,7 +494,9 @@ def _name_inputs(row: Mapping[Any, Any]) -> list[str]:
     return [name_signal(each)[0] for each in str(row["inputs"]).split(", ")]
 
 
-def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, Any]], first: bool) -> str:
+def _describe_effect(effect: Mapping[str, Any], verdict: Mapping[str, Any]) -> str:
+    ranking, standing = verdict["ranking"], [each["name"] for each in verdict["effects"]]
+    first = effect is verdict["effects"][0]
     known = find_effect(effect["name"], effect["form"])
     alike_names = (effect["name"], *effect["indistinguishable_from"])
     possible = [each for each in ranking if _is_candidate(each) or round(each["probability"], 2) > 0.0]
@@ -499,11 +508,10 @@ def _describe_effect(effect: Mapping[str, Any], ranking: Sequence[Mapping[str, A
         second = f"; next is {what}, {say_sure(following['probability'])}"
     optional = [_describe_size(effect, each) for each in known.parameters if each.optional]
     sizes = " ".join(filter(None, optional)) or _describe_size(effect, known.parameters[0])
-    like = " or ".join(_spell(each) for each in effect["indistinguishable_from"])
-    alike = f" that it is this or {like}" if like else ""
+    like = " or ".join(_spell(each) for each in effect["indistinguishable_from"] if each not in standing)
     text = (
         f"{'This is' if first else 'Then there is'} {_spell(effect['name'])} on {_join(effect['muscles'])} "
-        f"(probability {say_sure(effect['probability'])}{alike}{second}): {known.signature}. {sizes}"
+        f"(probability {say_sure(effect['probability'])}{second}): {known.signature}. {sizes}"
     )
     if effect["name"] == QUANTISATION:
         text += " Its rounding is a part of the noise floor that matters, and no model takes it away."

@@ -157,7 +157,8 @@ class Opened:
                 squares.append([each.floor for each in self.found])
             gaps = [_pool(self.found, each, trials) for each in squares]
             for step, (gap, label) in enumerate(zip(gaps, [*labels, "noise floor"], strict=False)):
-                low, high = find_interval(np.sqrt(weights @ gap**2 / len(trials)), self.settings.level)
+                drawn = np.sqrt(weights @ gap**2 / len(trials))
+                low, high = find_interval(drawn, self.settings.level) if len(trials) > 1 else (np.nan, np.nan)
                 falls = (gaps[0] - gap)[:, None], (gaps[max(step - 1, 0)] - gap)[:, None]
                 rows.append(
                     {
@@ -214,7 +215,7 @@ class Opened:
             )
         return rows
 
-    def find_coverage(self, trials: Sequence[int]) -> dict[str, float]:
+    def find_coverage(self, trials: Sequence[int]) -> dict[str, float | None]:
         """Return the share of the samples of some trials that bands hold, with its interval over trials drawn again."""
         chosen, within = list(trials), []
         for each in self.found:

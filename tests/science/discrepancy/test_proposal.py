@@ -170,6 +170,9 @@ def test_probability_after_a_trial_is_that_of_bayes():
     assert told[1] == pytest.approx(0.7 * first + 0.3 * second)
 
 
+NOBODY = pd.DataFrame(columns=["round", "name", "probability"])
+
+
 def test_rivals_are_the_leading_names_of_the_least_sure_round():
     rows = [
         (1, "none", 0.0, 0.05, False),
@@ -184,12 +187,16 @@ def test_rivals_are_the_leading_names_of_the_least_sure_round():
     ]
     ranking = pd.DataFrame(rows, columns=["round", "name", "probability", "heldout_gap", "absorbed"])
     named = pd.DataFrame({"round": [1, 2], "name": ["wave", "kink"], "indistinguishable_from": ["", "line"]})
-    found = choose_round(ranking, named, 3, 0.01)
+    found = choose_round(ranking, named, NOBODY, 3, 0.01)
     assert (found.number, found.standing, found.leading) == (2, 1, 0.6)
     assert list(found.rivals) == ["kink", "line", "bend"]
     assert sum(found.rivals.values()) == pytest.approx(1.0)
     assert found.rivals["kink"] == pytest.approx(0.6 / 0.67)
-    assert choose_round(ranking, named[:0], 3, 0.01) is None
+    assert choose_round(ranking, named[:0], NOBODY, 3, 0.01) is None
+    held = pd.DataFrame({"round": [1], "name": ["wave"], "probability": [0.5]})
+    found = choose_round(ranking, named[:0], held, 3, 0.01)
+    assert (found.number, found.standing) == (1, 0)
+    assert found.rivals == pytest.approx({"wave": 0.5, "none": 0.5}, abs=1e-3)
     assert list(choose_rivals(ranking[ranking["round"] == 2], [], 3, 0.04)) == ["kink", "bend"]
 
 
@@ -208,13 +215,13 @@ def test_names_that_both_stand_are_no_rivals_and_what_is_left_beside_them_is():
     ranking = pd.DataFrame(rows, columns=["round", "name", "probability", "heldout_gap", "absorbed"])
     both = pd.DataFrame({"round": [1, 3, 0], "name": ["wave", "kink", "count"], "indistinguishable_from": ""})
     late = ranking[ranking["round"] != 2]  # what the second round added was taken out again
-    found = choose_round(late, both, 3, 0.01)
+    found = choose_round(late, both, NOBODY, 3, 0.01)
     assert (found.number, found.standing, list(found.rivals)) == (4, 2, ["none", "bend"])
-    assert choose_round(late[late["name"] != "bend"], both, 3, 0.01) is None
-    found = choose_round(ranking, both, 3, 0.01)
+    assert choose_round(late[late["name"] != "bend"], both, NOBODY, 3, 0.01) is None
+    found = choose_round(ranking, both, NOBODY, 3, 0.01)
     assert (found.number, found.standing, list(found.rivals)) == (2, 1, ["line", "hump"])
     alike = both.assign(indistinguishable_from=["kink", "", ""])
-    assert list(choose_round(late, alike, 3, 0.01).rivals) == ["wave", "kink"]
+    assert list(choose_round(late, alike, NOBODY, 3, 0.01).rivals) == ["wave", "kink"]
 
 
 @pytest.mark.parametrize(("nameless", "rivals"), [(0.55, {}), (0.3, {"kink": 0.75, "none": 0.25})])
