@@ -215,8 +215,7 @@ class Loop:
                 self.news = f"recorded {turn.title} ({counted})" + (f", of no use: {problem}; " if problem else "; ")
             if not problem:
                 if turn.held:
-                    key = ("gauge", turn.point, attempt)
-                    self.ctx.record.part(key, partial(self.read_gauge, turn, attempt))
+                    self.ctx.record.part(("gauge", turn.point, attempt), partial(self.read_gauge, turn, attempt))
                 return
 
     def record(self, turn: Turn, attempt: int) -> dict[str, pd.DataFrame]:
@@ -351,8 +350,7 @@ def average_inputs(samples: pd.DataFrame, channels: ChannelMap) -> pd.DataFrame:
             its = samples["channel"] == name
             counts[its] = unroll(counts[its].to_numpy(), channels.places[name].zero_count)
     grouped = samples.assign(count=counts).groupby(["point", "attempt", "channel"])["count"]
-    wide = {"mean": grouped.mean().unstack(), "spread": grouped.std(ddof=0).unstack()}
-    return pd.concat(wide, axis=1)
+    return pd.concat({"mean": grouped.mean().unstack(), "spread": grouped.std(ddof=0).unstack()}, axis=1)
 
 
 def write_rig(rig: Target, lines: pd.DataFrame) -> dict[str, Any]:

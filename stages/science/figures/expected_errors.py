@@ -16,8 +16,7 @@ def draw_expected_errors(trials: pd.DataFrame, limit: float | None) -> Figure:
     from matplotlib.ticker import MaxNLocator
 
     figure, ((axis,),) = new_figure(6.4, 3.6, grid="both")
-    told = ["expected_error", "expected_low", "expected_high"]
-    percent = trials.assign(**100.0 * trials[told])
+    percent = trials.assign(**100.0 * trials[["expected_error", "expected_low", "expected_high"]])
     experiments = list(percent.groupby(["participant", "experiment"], sort=False))
     for position, (_, its) in enumerate(experiments[1:]):
         label = "other experiments" if not position else None

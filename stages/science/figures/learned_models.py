@@ -97,8 +97,7 @@ def draw_reliability(reliability: pd.DataFrame, panels: Sequence[str]) -> Figure
     plain_low, plain_high and so on.
     """
     figure, axes = begin_panels(len(panels), 3.53, 2.9, sharey=True)
-    tests = list(reliability["tested_on"].unique())
-    lines = [(test, *model) for test in tests for model in MODELS]
+    lines = [(test, *model) for test in reliability["tested_on"].unique() for model in MODELS]
     trials = np.sort(reliability["trial"].unique())
     step = 0.02 * max(1, np.ptp(trials))
     for axis, muscle in zip(axes, panels, strict=False):

@@ -87,8 +87,7 @@ def draw_gap_map(gap: pd.DataFrame, channels: pd.DataFrame, level: float) -> Fig
         axis.set_xticks(range(len(regimes)), regimes, rotation=35, ha="right", fontsize=8)
         axis.set_yticks(range(len(muscles)), [f"{each} ({over.get(each, np.nan):.2f})" for each in muscles])
         axis.set_title(f"{shorten(channel)}, by regime; in brackets the gap over the floor", loc="left", fontsize=10)
-    bar = figure.colorbar(image, ax=list(panels[:, 0]), shrink=0.8, pad=0.01)
-    bar.set_label("share of the squared gap (%)")
+    figure.colorbar(image, ax=list(panels[:, 0]), shrink=0.8, pad=0.01, label="share of the squared gap (%)")
     return figure
 
 
@@ -134,8 +133,8 @@ def draw_residual_plane(plane: pd.DataFrame) -> Figure:
         name_panel(axis, f"{shorten(channel)}, {muscle}", label(its["across"].iloc[0]))
         axis.set_ylabel(label(its["along"].iloc[0]), fontsize=9)
         axis.set_facecolor("#eef1f4")
-    bar = figure.colorbar(dots, ax=panels.ravel().tolist(), shrink=0.7, pad=0.01)
-    bar.set_label("measured less simulated, over noise floor (1)")
+    told = "measured less simulated, over noise floor (1)"
+    figure.colorbar(dots, ax=panels.ravel().tolist(), shrink=0.7, pad=0.01, label=told)
     return figure
 
 

@@ -86,8 +86,7 @@ def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
     what = f"{shorten(first['channel'])} without it:\nmeasured less simulated ({first['unit']})"
     panels[0].set_ylabel(what, fontsize=9)
     handles = panels[0].get_legend_handles_labels()
-    abreast = 4 if len(panels) > 1 else 2
-    figure.legend(*handles, loc="outside lower center", ncols=abreast, frameon=False, fontsize=8)
+    figure.legend(*handles, loc="outside lower center", ncols=4 if len(panels) > 1 else 2, frameon=False, fontsize=8)
     title = f"{spell(first['effect'])}: {signature}"
     figure.suptitle(fill(title, round(LETTERS_PER_INCH * figure.get_figwidth())), fontsize=10)
     return figure

@@ -167,8 +167,7 @@ class OperatorSession(Attendance):
         if self._began_s is None:
             return recording
         if self._count("participant"):
-            ended_s = self._began_s + float(recording.time_s[-1])
-            clock.sleep(ended_s + LATEST_FRAMES_S - clock.now_s())
+            clock.sleep(self._began_s + float(recording.time_s[-1]) + LATEST_FRAMES_S - clock.now_s())
         with self._changed:
             shown = np.array(sorted(self._frames), dtype=float).reshape(-1, 3)
         found = {}

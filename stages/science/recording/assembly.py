@@ -77,8 +77,7 @@ def note_missing(samples: pd.DataFrame, names: Sequence[str]) -> Notes:
 def order_rows(samples: pd.DataFrame, muscles: Sequence[str]) -> pd.DataFrame:
     """Return samples by trial, by muscle in a given order, and by time."""
     place = samples["muscle"].map({name: index for index, name in enumerate(muscles)})
-    ordered = samples.assign(place=place).sort_values(["trial", "place", "time_s"], kind="stable")
-    return ordered.drop(columns="place")
+    return samples.assign(place=place).sort_values(["trial", "place", "time_s"], kind="stable").drop(columns="place")
 
 
 def read_parts(samples: pd.DataFrame, without: str) -> pd.Series:

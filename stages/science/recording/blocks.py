@@ -89,10 +89,9 @@ def arrange_records(
     parts = frame.groupby("record", sort=False)["part"].first()
     rates = find_rates(frame, stated_hz)
     columns = ["record", "time_s", *signals]
-    own = frame["record"].map(rates)
     placed = [
         regularise(rows[columns], "record", [], float(rate), largest_jitter)[0]
-        for rate, rows in frame.groupby(own, sort=False)
+        for rate, rows in frame.groupby(frame["record"].map(rates), sort=False)
     ]
     together = pd.concat(placed, ignore_index=True)
     had, has = frame["record"].value_counts(sort=False), together["record"].value_counts(sort=False)

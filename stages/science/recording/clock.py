@@ -97,8 +97,7 @@ def regularise(
             f"column time_s: expected steps of {1.0 / rate_hz:.6g} s within {largest_jitter:g} of it, got a deviation "
             f"of {worst:.2g} in {name_rows(jittery)}; resample it, or raise measurement.largest_jitter"
         )
-    sizes = frame.groupby(stream, sort=False)["time_s"].transform("size")
-    long = whole > sizes + 1.0
+    long = whole > frame.groupby(stream, sort=False)["time_s"].transform("size") + 1.0
     if long.any():
         raise RecordingError(
             f"column time_s: nothing for {whole[long].iloc[0]:.0f} samples before {name_rows(long)}, longer than what "
@@ -106,8 +105,7 @@ def regularise(
         )
     sample = whole.groupby([frame[name] for name in stream], sort=False).cumsum().astype(np.int64)
     frame = frame.drop(columns="time_s").assign(sample=sample)
-    lengths = frame.groupby(group, sort=False)["sample"].max() + 1
-    grid = lengths.map(np.arange).reset_index()
+    grid = (frame.groupby(group, sort=False)["sample"].max() + 1).map(np.arange).reset_index()
     if member:
         grid = grid.merge(frame[list(member)].drop_duplicates(), how="cross")
     grid = grid.explode("sample", ignore_index=True).astype({"sample": np.int64})

@@ -67,8 +67,7 @@ def read_executed(
     """
     recordings = join_executed(initial, designed).assign(part=WHOLE)
     if further is not None and len(further):
-        last = recordings["trial"].max()
-        later = further.assign(trial=last + further["trial"], part=PROPOSED)
+        later = further.assign(trial=recordings["trial"].max() + further["trial"], part=PROPOSED)
         recordings = pd.concat([recordings, later[recordings.columns.intersection(later.columns)]], ignore_index=True)
     samples = recordings[[*SAMPLE_KEY, *READINGS, "part"]].copy()
     amiss = recordings["status"] != "ok"

@@ -121,9 +121,8 @@ def _shorten(rate_hz: float, error: float) -> float:
 
 def _find_digit(times_s: Array) -> float | None:
     """Return the coarsest decimal of a second of which all times are multiples."""
-    since = times_s - times_s[0]
     for decimals in range(FINEST_DECIMAL + 1):
-        places = since * 10.0**decimals
+        places = (times_s - times_s[0]) * 10.0**decimals
         if (np.abs(places - np.round(places)) < 1e-4).all():
             return float(10.0**-decimals)
     return None

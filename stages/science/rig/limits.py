@@ -129,8 +129,7 @@ def apply_limits(
     rows = [limits[muscle.type] for muscle in exoskeleton.muscles]
     low, high, slew = np.array([(row.low_kpa, row.high_kpa, row.slew_kpa_per_s) for row in rows]).T.copy()
     side = np.array([1 if muscle.role == "agonist" else -1 for muscle in exoskeleton.muscles])
-    ceilings = co_contraction_kpa or {}
-    ceiling = np.array([ceilings.get(name, np.inf) for name in exoskeleton.joint_names])
+    ceiling = np.array([(co_contraction_kpa or {}).get(name, np.inf) for name in exoskeleton.joint_names])
     applied, codes = _limit(
         np.ascontiguousarray(command_kpa, dtype=float),
         low,

@@ -74,8 +74,7 @@ def resample(rows: pd.DataFrame, rate_hz: float, samples: int, largest_gap_s: fl
     start_s = 0.0 if lead else float(rows["time_s"].min())
     grid = np.arange(-lead, samples) / rate_hz
     muscles = rows.groupby("muscle", sort=False)
-    placed = [_resample_muscle(own, start_s, grid, largest_gap_s) for _, own in muscles]
-    return pd.concat(placed, ignore_index=True)
+    return pd.concat([_resample_muscle(own, start_s, grid, largest_gap_s) for _, own in muscles], ignore_index=True)
 
 
 def _resample_muscle(rows: pd.DataFrame, start_s: float, grid: Array, largest_gap_s: float) -> pd.DataFrame:

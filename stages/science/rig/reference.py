@@ -98,8 +98,7 @@ def arrange(samples: pd.DataFrame, column: str, rig: Rig) -> Array:
         raise ValueError(
             f"expected samples of every muscle of the rig ({', '.join(rig.muscles)}), got none of {missing}"
         )
-    arranged: Array = samples.pivot(index="time_s", columns="muscle", values=column)[list(rig.muscles)].to_numpy()
-    return arranged
+    return np.asarray(samples.pivot(index="time_s", columns="muscle", values=column)[list(rig.muscles)])
 
 
 def track(

@@ -77,8 +77,7 @@ def read_encoder(angle_rad: Array, encoder: Encoder, noise: Array) -> Array:
     shown = angle_rad + encoder.noise_rad * noise
     if encoder.resolution_rad == 0.0:
         return shown
-    counts: Array = np.round(shown / encoder.resolution_rad)
-    return counts * encoder.resolution_rad
+    return np.asarray(np.round(shown / encoder.resolution_rad) * encoder.resolution_rad)
 
 
 def _draw_noise(generator: np.random.Generator, muscles: Array, joints: Array, lead: int) -> list[Array]:

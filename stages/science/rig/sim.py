@@ -169,8 +169,7 @@ class SimulatedRig(FillingRig):
         if pointed is None:
             pointed = self._middle if trial.reference_rad is None else trial.reference_rad[0]
         angle = np.clip(pointed, lower, upper)
-        person = embody(self.participants[trial.participant], self.exoskeleton)
-        steps = self._begin(angle, person, command)
+        steps = self._begin(angle, embody(self.participants[trial.participant], self.exoskeleton), command)
         share = 1.0 - math.exp(-1.0 / (self.sampling_rate_hz * POINTER_S))
         begun_s, late_s = clock.now_s(), np.zeros(len(command))
         for index in self._keep_time(trial):

@@ -109,8 +109,7 @@ def _make_splines(samples: int, coefficients: int) -> Array:
 
     inner = np.linspace(0.0, 1.0, coefficients - DEGREE + 1)
     knots = np.concatenate([np.zeros(DEGREE), inner, np.ones(DEGREE)])
-    splines: Array = BSpline.design_matrix(np.linspace(0.0, 1.0, samples), knots, DEGREE).toarray()
-    return splines
+    return np.asarray(BSpline.design_matrix(np.linspace(0.0, 1.0, samples), knots, DEGREE).toarray())
 
 
 def round_coefficients(change: Array) -> Array:

@@ -17,8 +17,7 @@ def lag(signal: Array, tau: float, step: float) -> Array:
     from scipy.signal import lfilter  # half a second that a run without it is spared
 
     decay = float(np.exp(-step / tau))
-    lagged: Array = lfilter([1.0 - decay], [1.0, -decay], signal, axis=0, zi=decay * signal[:1])[0]
-    return lagged
+    return np.asarray(lfilter([1.0 - decay], [1.0, -decay], signal, axis=0, zi=decay * signal[:1])[0])
 
 
 def change(signal: Array, paces: float) -> Array:
@@ -33,8 +32,7 @@ def recall(signal: Array, paces: float) -> Array:
 
 def sum_distance(rate: Array, step_s: float) -> Array:
     """Return the distance moved since the first sample at a rate, per second."""
-    distance: Array = np.cumsum(np.abs(rate), axis=0) * step_s
-    return distance
+    return np.asarray(np.cumsum(np.abs(rate), axis=0) * step_s)
 
 
 def find_signal(name: str, signals: Mapping[str, Array], step_s: float, time_scale_s: float) -> Array:

@@ -159,8 +159,7 @@ class PageServer:
             raise web.HTTPForbidden(text="expected a request of these pages themselves, got one of another site\n")
 
     def _check_token(self, request: web.Request, role: str) -> None:
-        given = request.query.get("token", "")
-        if not secrets.compare_digest(given.encode(), self._tokens[role].encode()):
+        if not secrets.compare_digest(request.query.get("token", "").encode(), self._tokens[role].encode()):
             told = f"the {role}'s page opens at the address that the program printed when it began\n"
             raise web.HTTPForbidden(text=told)
 
@@ -340,8 +339,7 @@ def _listen(host: str, port: int) -> socket.socket:
         if error.errno in (errno.EADDRINUSE, errno.EACCES):
             which = "free port" if error.errno == errno.EADDRINUSE else "port that this user may take"
             expected, remedy = f"port: expected a {which}, got {port}", "port=0 for any free one"
-        told = error.strerror or error
-        raise RigError(f"operator_ui.{expected} ({told}); type operator_ui.{remedy}") from error
+        raise RigError(f"operator_ui.{expected} ({error.strerror or error}); type operator_ui.{remedy}") from error
 
 
 def _find_own_address() -> str:

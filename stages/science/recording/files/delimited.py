@@ -255,16 +255,14 @@ def _split_all(lines: Sequence[str], separator: str, width: int) -> tuple[NDArra
         fits |= short
     places = np.flatnonzero(fits)
     filled = [rows[k] if len(rows[k]) == width else [*rows[k], *[""] * (width - len(rows[k]))] for k in places]
-    frame = pd.DataFrame(filled, columns=range(width), dtype=object)
-    return places, frame.apply(lambda column: column.str.strip())
+    return places, pd.DataFrame(filled, columns=range(width), dtype=object).apply(lambda column: column.str.strip())
 
 
 def _read_column(fields: pd.Series, decimal: str) -> _Column:
     """Return what the fields of a column are."""
     if _has_other_sign(fields, decimal):
         decimal = "." if decimal == "," else ","
-    small = fields.str.lower()
-    missing = small.isin(NOTHING).to_numpy()
+    missing = fields.str.lower().isin(NOTHING).to_numpy()
     plain = fields
     if decimal == ",":
         plain = fields.str.replace(",", ".", regex=False).where(~fields.str.contains(".", regex=False), "?")

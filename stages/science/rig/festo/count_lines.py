@@ -67,8 +67,7 @@ def judge_point(
 
 def unroll(counts: Array, near: float) -> Array:
     """Return a counter's counts without its beginning anew, as near to a count as they can be."""
-    turned: Array = near + (counts - near + COUNTER_SPAN / 2) % COUNTER_SPAN - COUNTER_SPAN / 2
-    return turned
+    return np.asarray(near + (counts - near + COUNTER_SPAN / 2) % COUNTER_SPAN - COUNTER_SPAN / 2)
 
 
 @dataclass(frozen=True)

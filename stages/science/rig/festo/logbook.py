@@ -59,8 +59,7 @@ class Logbook:
         self._begun_s = tick.due_s - tick.index / self.rig.sampling_rate_hz
         while self.count < tick.index:
             held = self._rows[-1] if self._rows else self._describe(sample, self.last_command, "")
-            missed = np.full(len(self.last_command), "missed")
-            self._append({**held, "status": missed, "late_s": 0.0})
+            self._append({**held, "status": np.full(len(self.last_command), "missed"), "late_s": 0.0})
             self.missed += 1
         applied, clipped = command or (self.last_command, np.array("ramp"))
         self.last_command = applied

@@ -60,8 +60,7 @@ class Supervisor:
     def look(self, counts: Array, command_kpa: Array, at_s: float) -> Sample:
         """Judge the counts (2 M + J,) of all inputs under commands (M,), kPa gauge, at a time of any clock, s."""
         muscles = len(self.exoskeleton.muscles)
-        analogue = counts[: 2 * muscles]
-        none, ended = self.counts.sort_out(analogue)
+        none, ended = self.counts.sort_out(counts[: 2 * muscles])
         lost = np.concatenate([none | ended, np.zeros(len(counts) - 2 * muscles, dtype=bool)])
         told = counts if self._told is None else np.where(lost, self._told, counts)
         self._told = told
@@ -83,8 +82,7 @@ class Supervisor:
         self._before = counts
         awake = np.concatenate([values > self._awake, np.ones(len(counts) - len(values), dtype=bool)])
         self._still = np.where(same & awake, self._still + 1, 0)
-        frozen: NDArray[np.bool_] = self._still >= self._longest_still
-        return frozen
+        return np.asarray(self._still >= self._longest_still)
 
     def _measure_speed(self) -> Array:
         (begun_s, first), (ended_s, last) = self._angles[0], self._angles[-1]
