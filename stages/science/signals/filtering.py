@@ -98,9 +98,7 @@ def smooth(signal: Array, step_s: float, width_s: float) -> Array:
     from scipy.signal import savgol_filter
 
     window = 2 * max(round(0.5 * width_s / step_s), 2) + 1
-    if len(signal) < window:
-        return signal
-    return np.asarray(savgol_filter(signal, window, 3, axis=0))
+    return signal if len(signal) < window else np.asarray(savgol_filter(signal, window, 3, axis=0))
 
 
 def follow(signal: Array, drive: Array, step_s: float) -> Array:
