@@ -12,28 +12,11 @@ from dataclasses import dataclass, field
 from stages.science.recording.headings import Heading, read_heading
 from stages.science.recording.units import KINDS, UNIT_KINDS, end_of, own_unit, read_unit
 
-TIMES = (
-    "t",
-    "time",
-    "times",
-    "time_s",
-    "timestamp",
-    "stamp",
-    "zeit",
-    "temps",
-    "elapsed",
-    "date",
-    "datetime",
-    "date_time",
-    "x_value",
-)
-SECONDS = ("sec", "secs", "second", "seconds", "ms", "msec", "us", "usec", "ns", "nsec")
-"""Names of a column of time that are its unit as well."""
+TIMES = re.compile("t|times?|time_s|(time)?stamp|zeit|temps|elapsed|date|date_?time|x_value|secs?|seconds?|[mun]s(ec)?")
+"""Names of a column of time; some are its unit as well."""
 RECORDS = ("record", "rec", "run", "trial", "experiment", "exp", "repetition", "rep", "cycle", "segment", "test", "nr")
-STEPS, RATES = (
-    ("ts", "dt", "delta_x", "sampling_time", "sample_time", "t_sample"),
-    ("fs", "rate", "sampling_rate", "sample_rate"),
-)
+STEPS = ("ts", "dt", "delta_x", "sampling_time", "sample_time", "t_sample")
+RATES = ("fs", "rate", "sampling_rate", "sample_rate")
 PARTS = ("part", "set", "split", "phase", "dataset", "purpose")
 INPUTS = ("u", "input", "in", "drive", "excitation", "command", "cmd", "u1")
 OUTPUTS = ("y", "output", "out", "response", "answer", "y1")
@@ -164,7 +147,7 @@ def guess_map(
         numbers = [each for each in numbers if not each.endswith((first, second))] + parts
         units = {**units, **{each.removesuffix(first): told for each, told in units.items()}}
     plain = {each: _plain(_read(each, units).name) for each in [*numbers, *texts]}
-    named = [each for each in everything if plain.get(each) in (*TIMES, *SECONDS)]
+    named = [each for each in everything if TIMES.fullmatch(plain.get(each, ""))]
     clocks = [each for each in numbers if _kind(each, units) == "time"]
     _take_first(guess, "time_s", [*(each for each in named if each not in dates), *dates, *clocks], units)
     if "time_s" not in guess.columns:
