@@ -52,15 +52,11 @@ class Pressure(Declared):
     def draw(self, rig: Rig, generator: np.random.Generator) -> Array:
         """Draw each muscle's pressure command (T, M), kPa."""
         ranges = [self.range_kpa[name] for name in rig.muscles]
+        low, high = [each.low for each in ranges], [each.high for each in ranges]
+        hold_s, transition_s = ((each.low, each.high) for each in (self.hold_s, self.transition_s))
+        how = {"hold_s": hold_s, "transition_s": transition_s}
         return pressure_profiles(
-            generator,
-            [each.low for each in ranges],
-            [each.high for each in ranges],
-            rig.samples,
-            rig.sampling_rate_hz,
-            hold_s=(self.hold_s.low, self.hold_s.high),
-            transition_s=(self.transition_s.low, self.transition_s.high),
-            step_share=self.step_share,
+            generator, low, high, rig.samples, rig.sampling_rate_hz, **how, step_share=self.step_share
         )
 
 
@@ -254,13 +250,6 @@ def move_freely(
     elif manner.range_ratio > 1.0:
         wider = 0.5 * (manner.range_ratio - 1.0) * (high - low)
         low, high = np.maximum(low - wider, lower), np.minimum(high + wider, upper)
-    move_ratio, rest_ratio = manner.duration_ratio, manner.rest_ratio
-    return reach_postures(
-        generator,
-        low,
-        high,
-        samples,
-        exoskeleton.sampling_rate_hz,
-        (move_ratio * movement.shortest_move_s, move_ratio * movement.longest_move_s),
-        (rest_ratio * movement.shortest_rest_s, rest_ratio * movement.longest_rest_s),
-    )
+    move_s = (manner.duration_ratio * movement.shortest_move_s, manner.duration_ratio * movement.longest_move_s)
+    rest_s = (manner.rest_ratio * movement.shortest_rest_s, manner.rest_ratio * movement.longest_rest_s)
+    return reach_postures(generator, low, high, samples, exoskeleton.sampling_rate_hz, move_s, rest_s)

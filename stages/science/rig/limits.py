@@ -130,15 +130,9 @@ def apply_limits(
     low, high, slew = np.array([(row.low_kpa, row.high_kpa, row.slew_kpa_per_s) for row in rows]).T.copy()
     side = np.array([1 if muscle.role == "agonist" else -1 for muscle in exoskeleton.muscles])
     ceiling = np.array([(co_contraction_kpa or {}).get(name, np.inf) for name in exoskeleton.joint_names])
-    applied, codes = _limit(
-        np.ascontiguousarray(command_kpa, dtype=float),
-        low,
-        high,
-        slew / exoskeleton.sampling_rate_hz,
-        np.array(exoskeleton.joint_of_muscle),
-        side,
-        ceiling,
-    )
+    step, joint = slew / exoskeleton.sampling_rate_hz, np.array(exoskeleton.joint_of_muscle)
+    wanted = np.ascontiguousarray(command_kpa, dtype=float)
+    applied, codes = _limit(wanted, low, high, step, joint, side, ceiling)
     return applied, np.array(CODES)[codes]
 
 

@@ -54,15 +54,8 @@ def judge_point(
         problem = f"the channel was at its end (count {counts[saturated][0]:.0f}, range {valid.low} to {valid.high})"
     if not problem and moved > settings.still.of(kind):
         problem = f"it changed by {moved:.3g} {UNITS[kind]} meanwhile, {settings.still.of(kind):g} are permitted"
-    return Judged(
-        float(counts.mean()),
-        float(counts.std()),
-        drift,
-        len(counts),
-        float(saturated.mean()),
-        float(lost.mean()),
-        problem,
-    )
+    mean, spread = float(counts.mean()), float(counts.std())
+    return Judged(mean, spread, drift, len(counts), float(saturated.mean()), float(lost.mean()), problem)
 
 
 def unroll(counts: Array, near: float) -> Array:
@@ -134,18 +127,8 @@ def fit_line(
     if unit != "rad" and not valid.low <= zero < valid.high:
         strange.append(f"zero at count {zero:.0f} lies out of the range {valid.low} to {valid.high}")
     spans = [np.ptp(counts[value == each] * per_count) for each in np.unique(value) if (value == each).sum() > 1]
-    return Line(
-        "; ".join(strange),
-        len(value),
-        rms,
-        largest,
-        status="calibrated",
-        per_count=per_count,
-        zero_count=float(zero),
-        sign=sign,
-        repeatability=float(max(spans, default=np.nan)),
-        plausible=not strange,
-    )
+    told, repeatability = "; ".join(strange), float(max(spans, default=np.nan))
+    return Line(told, len(value), rms, largest, "calibrated", per_count, float(zero), sign, repeatability, not strange)
 
 
 def find_followers(

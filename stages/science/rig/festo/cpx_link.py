@@ -306,11 +306,5 @@ def _import_modules() -> dict[str, Any]:
         ) from None
     for name in ("cpx-io", "pymodbus.logging"):
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)  # every request is told there; faults are told here
-    return {
-        "CpxE": CpxE,
-        "ChannelRange": ChannelRange,
-        "EP": CpxEEp,
-        "4AO": CpxE4AoUI,
-        "4AI": CpxE4AiUI,
-        "1CI": CpxE1Ci,
-    }
+    modules = {"EP": CpxEEp, "4AO": CpxE4AoUI, "4AI": CpxE4AiUI, "1CI": CpxE1Ci}
+    return {"CpxE": CpxE, "ChannelRange": ChannelRange, **modules}
