@@ -209,10 +209,9 @@ class Loop:
             judged = self.judge(part, turn, attempt)
             problem = next((each.problem for each in judged.values() if each.problem), "")
             if self.news:
-                counted = ", ".join(
-                    f"{each.count:.1f} counts, spread {each.spread_count:.1f}" for each in judged.values()
-                )
-                self.news = f"recorded {turn.title} ({counted})" + (f", of no use: {problem}; " if problem else "; ")
+                counted = [f"{each.count:.1f} counts, spread {each.spread_count:.1f}" for each in judged.values()]
+                useless = f", of no use: {problem}" if problem else ""
+                self.news = f"recorded {turn.title} ({', '.join(counted)}){useless}; "
             if not problem:
                 if turn.held:
                     self.ctx.record.part(("gauge", turn.point, attempt), partial(self.read_gauge, turn, attempt))
@@ -225,9 +224,8 @@ class Loop:
         settings = self.settings
         with self.rig as rig:
             if turn.held:
-                recording = rig.hold(
-                    turn.held, turn.value, settings.record_s, ramp_s=settings.ramp_s, settle_s=settings.settle_s
-                )
+                times_s = {"ramp_s": settings.ramp_s, "settle_s": settings.settle_s}
+                recording = rig.hold(turn.held, turn.value, settings.record_s, **times_s)
             else:
                 recording = rig.read_counts(settings.record_s)
         self.news = "recorded"

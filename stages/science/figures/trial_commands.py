@@ -34,9 +34,8 @@ def draw_chosen_trials(
             axis.plot(samples["time_s"] + position * duration_s, samples[quantity], color=colour, linewidth=1.2)
             axis.axvline(position * duration_s, color="#dde3ea", linewidth=0.8, zorder=0)
         axis.set_ylabel(label, fontsize=9)
-    _name_trials(
-        axis, duration_s, [f"{row.trial}\nmovement {row.trajectory}" for row in chosen.itertuples()], fontsize=8
-    )
+    names = [f"{row.trial}\nmovement {row.trajectory}" for row in chosen.itertuples()]
+    _name_trials(axis, duration_s, names, fontsize=8)
     return figure
 
 

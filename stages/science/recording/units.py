@@ -124,9 +124,8 @@ def read_unit(text: str) -> str | None:
     spelled = re.sub(r"\s+", " ", text.strip().replace("µ", "u").replace("μ", "u").replace("·", " ").replace("*", " "))
     spelled = spelled.replace("^", "").replace("²", "2").replace("³", "3")
     bare = spelled.replace(" ", "")
-    spelled = next(
-        (OTHER_SPELLINGS[each] for each in (spelled, bare, bare.lower()) if each in OTHER_SPELLINGS), spelled
-    )
+    others = [OTHER_SPELLINGS[each] for each in (spelled, bare, bare.lower()) if each in OTHER_SPELLINGS]
+    spelled = [*others, spelled][0]
     products = {unit.replace(" ", ""): unit for unit in UNIT_KINDS if " " in unit}
     spelled = products.get(spelled.replace(" ", ""), spelled)
     if spelled in UNIT_KINDS:

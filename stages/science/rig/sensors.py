@@ -29,9 +29,8 @@ def record(
     chain = Chain(exoskeleton, plant, -lead / rate_hz)
     models = [plant.find_model(muscle.name, muscle.type) for muscle in exoskeleton.muscles]
     pressure_noise, force_noise, angle_noise = _draw_noise(generator, command_kpa, motion.joint_angle_rad, lead)
-    pressure = chain.sense_pressure(
-        motion.pressure_kpa + pressure_noise * np.array([each.pressure_noise_kpa for each in models])
-    )
+    noise_kpa = pressure_noise * np.array([each.pressure_noise_kpa for each in models])
+    pressure = chain.sense_pressure(motion.pressure_kpa + noise_kpa)
     pulled = motion.force_n if exoskeleton.load_cell_site == "muscle_tip" else motion.tension_n
     noisy = pulled + force_noise * np.array([each.force_noise_n for each in models])
     shown = chain.sense_force(noisy, motion.pressure_kpa, motion.contraction, motion.velocity_per_s)
@@ -54,11 +53,8 @@ def derive_from_encoder(angle_rad: Array, exoskeleton: Exoskeleton, lead: int = 
     parts = np.split(angle_rad, [lead]) if lead else [angle_rad]
     filtered = [differentiate(each, exoskeleton.sampling_rate_hz, window.window_s, window.order) for each in parts]
     velocity = np.concatenate(filtered)
-    return {
-        "joint_angle_rad": angle_rad,
-        "joint_velocity_rad_per_s": velocity,
-        **contract(angle_rad, velocity, exoskeleton),
-    }
+    angles = {"joint_angle_rad": angle_rad, "joint_velocity_rad_per_s": velocity}
+    return angles | contract(angle_rad, velocity, exoskeleton)
 
 
 def contract(angle_rad: Array, velocity_rad_per_s: Array, exoskeleton: Exoskeleton) -> dict[str, Array]:

@@ -68,9 +68,7 @@ class CpxLink:
     def __init__(self, device: Device, channels: ChannelMap):
         self.device, self.channels = device, channels
         self._cpx: Any = None
-        self._outputs: dict[int, list[int]] = {
-            position: [0] * 4 for position, kind in enumerate(device.modules) if kind == "4AO"
-        }
+        self._outputs = {position: [0] * 4 for position, kind in enumerate(device.modules) if kind == "4AO"}
         self._answered_at_s = clock.now_s()
         self._longest_silence_s = 0.0
         self._armed = False
@@ -179,11 +177,9 @@ class CpxLink:
         refused = []
         with self._unbroken():
             for position, counts in self._outputs.items():
-                response = self._cpx.client.write_registers(
-                    self._cpx.modules[position].system_entry_registers.outputs,
-                    list(struct.unpack("<HHHH", struct.pack("<hhhh", *counts))),
-                )
-                if response.isError():
+                register = self._cpx.modules[position].system_entry_registers.outputs
+                words = list(struct.unpack("<HHHH", struct.pack("<hhhh", *counts)))
+                if self._cpx.client.write_registers(register, words).isError():
                     refused.append(str(position))
             if refused:
                 raise LinkLost(f"module {' and '.join(refused)} refused its outputs")

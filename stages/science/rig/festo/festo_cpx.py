@@ -127,9 +127,8 @@ class FestoCpx(FillingRig):
 
     def run(self, trial: Trial, generator: np.random.Generator, watch: Watch | None) -> Recording:
         """Execute one trial; `TrialStopped` tells that a limit, a sensor, the link or the loop's pace ended it."""
-        applied, clipped = apply_limits(
-            trial.pressure_command_kpa, self.limits, self.exoskeleton, self.co_contraction_kpa
-        )
+        asked, ceilings = trial.pressure_command_kpa, self.co_contraction_kpa
+        applied, clipped = apply_limits(asked, self.limits, self.exoskeleton, ceilings)
         filling = fill(applied[0], self._lead_samples, self.filling_share)
         command = np.concatenate([filling, applied])
         clipped = np.concatenate([np.full(filling.shape, "ramp", dtype=clipped.dtype), clipped])
@@ -322,11 +321,8 @@ class FestoCpx(FillingRig):
                 pressure, _, _ = link.channels.to_values(link.read())
             except LinkLost as error:
                 return f"the muscles were let down, but the device does not answer any more ({error})"
-            up = [
-                f"{name} at {value:.0f} kPa"
-                for name, value in zip(self.muscles, pressure, strict=True)
-                if value > self.guard.vented_kpa
-            ]
+            measured = zip(self.muscles, pressure, strict=True)
+            up = [f"{name} at {value:.0f} kPa" for name, value in measured if value > self.guard.vented_kpa]
             if not up:
                 with contextlib.suppress(LinkLost):  # an armed watchdog vents what is vented already
                     link.disarm()

@@ -53,9 +53,8 @@ class Supervisor:
         self._stray = np.zeros(muscles, dtype=int)
         self._angles: deque[tuple[float, Array]] = deque(maxlen=speed_samples(rate) + 1)
         self._ceilings = [guard.ceilings[muscle.type] for muscle in exoskeleton.muscles]
-        self._awake = AWAKE * np.array(
-            [each.pressure_kpa for each in self._ceilings] + [each.force_n for each in self._ceilings]
-        )
+        largest = [each.pressure_kpa for each in self._ceilings] + [each.force_n for each in self._ceilings]
+        self._awake = AWAKE * np.array(largest)
 
     def look(self, counts: Array, command_kpa: Array, at_s: float) -> Sample:
         """Judge the counts (2 M + J,) of all inputs under commands (M,), kPa gauge, at a time of any clock, s."""
