@@ -8,6 +8,7 @@ const POSTURES = 1500;
 const TURNS = 60;
 const STARTS = [0.5, 0.2, 0.8];
 const NEAR = 0.01; // of the arm's length
+const MARGIN = 0.09; // of the area
 
 /** Return the joints and the tip as points, for an arm of length 1 whose shoulder is at the origin. */
 export function chain(angle_rad) {
@@ -46,16 +47,9 @@ export function findBox(joints) {
 
 /** Return where the shoulder lies and how long the arm is, in pixels, so that the box fills an area. */
 export function placeBox(box, width, height) {
-  const margin = 0.09;
-  const scale = Math.min(
-    (width * (1 - 2 * margin)) / (box.right - box.left),
-    (height * (1 - 2 * margin)) / (box.bottom - box.top),
-  );
-  return {
-    scale,
-    x: width / 2 - (scale * (box.left + box.right)) / 2,
-    y: height / 2 - (scale * (box.top + box.bottom)) / 2,
-  };
+  const { left, right, top, bottom } = box;
+  const scale = (1 - 2 * MARGIN) * Math.min(width / (right - left), height / (bottom - top));
+  return { scale, x: (width - scale * (left + right)) / 2, y: (height - scale * (top + bottom)) / 2 };
 }
 
 /**

@@ -222,21 +222,16 @@ function drawPanels() {
   const { trial } = scene;
   const now_s = scene.phase === "running" ? data.time_s.at(-1) ?? null : null;
   for (const { of, column, muscles, canvas, least } of panels) {
+    const isAngle = of === "angle_rad";
     const curves = [];
-    if (of === "angle_rad") {
-      if (trial?.reference_rad) {
-        const values = trial.reference_rad.map((row) => degrees(row[column]));
-        curves.push({ time_s: trial.time_s, values, colour: "target", dashed: true });
-      }
-      curves.push({ time_s: data.time_s, values: data.angle_rad.map((row) => degrees(row[column])), colour: "you" });
-    } else {
-      for (const { index, role } of muscles) {
-        if (of === "pressure_kpa") {
-          const values = data.command_kpa.map((row) => row[index]);
-          curves.push({ time_s: data.command_s, values, colour: role, dashed: true });
-        }
-        curves.push({ time_s: data.time_s, values: data[of].map((row) => row[index]), colour: role });
-      }
+    const add = (time_s, rows, index, colour, dashed) => {
+      curves.push({ time_s, values: rows.map((row) => (isAngle ? degrees(row[index]) : row[index])), colour, dashed });
+    };
+    if (isAngle && trial?.reference_rad) add(trial.time_s, trial.reference_rad, column, "target", true);
+    if (isAngle) add(data.time_s, data.angle_rad, column, "you", false);
+    for (const { index, role } of isAngle ? [] : muscles) {
+      if (of === "pressure_kpa") add(data.command_s, data.command_kpa, index, role, true);
+      add(data.time_s, data[of], index, role, false);
     }
     drawCurves(canvas, trial?.duration_s ?? 1, curves, least, colours, now_s);
   }
