@@ -65,9 +65,8 @@ class Terminal:
             self._say(*_describe_outcome(scene), self._offer(scene))
 
     def _offer(self, scene: dict[str, Any]) -> str:
-        letters = [
-            f"{letter} = {MEANT.get(word, word)}" for letter, word in LETTERS.items() if word in scene["choices"]
-        ]
+        choices = scene["choices"]
+        letters = [f"{letter} = {MEANT.get(word, word)}" for letter, word in LETTERS.items() if word in choices]
         if scene["phase"] == "proposed":
             letters.append("g = let trials follow by themselves")
         return f"  {', '.join(letters)}; a note may follow the letter: "

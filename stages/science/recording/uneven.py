@@ -38,27 +38,25 @@ def even_out(frame: pd.DataFrame, signals: Sequence[str], largest_jitter: float,
     """
     pieces, known = [], len(notes)
     for name, rows in frame.groupby("record", sort=False):
-        made = _even_out_one(rows, signals, largest_jitter)
-        pieces.append(rows if made is None else made[0])
-        if made is not None:
-            notes.append((f"record {name}", made[1]))
+        made, told = _even_out_one(rows, signals, largest_jitter)
+        pieces.append(made)
+        notes += [(f"record {name}", told)] if told else []
     return pd.concat(pieces, ignore_index=True) if len(notes) > known else frame
 
 
-def _even_out_one(rows: pd.DataFrame, signals: Sequence[str], largest_jitter: float) -> tuple[pd.DataFrame, str] | None:
-    """Return a record on an even clock, and what was done; None where it is on one, or where its times are wrong."""
+def _even_out_one(rows: pd.DataFrame, signals: Sequence[str], largest_jitter: float) -> tuple[pd.DataFrame, str]:
+    """Return a record on an even clock, and what was done: nothing where it is on one, or where its times are wrong."""
     times = rows["time_s"].to_numpy(dtype=float)
     steps = np.diff(times)
-    if len(times) < FEWEST or not np.isfinite(times).all() or steps.min() < 0.0 or steps.max() == 0.0:
-        return None
-    if not is_uneven(times, largest_jitter):
-        return None
+    wrong = len(times) < FEWEST or not np.isfinite(times).all() or steps.min() < 0.0 or steps.max() == 0.0
+    if wrong or not is_uneven(times, largest_jitter):
+        return rows, ""
     counted = count_rounded(times)
     if counted is not None:
         digit, even_s, rate = counted
         return rows.assign(time_s=even_s), f"its times are rounded to {digit:g} s: samples counted at {rate:.6g} Hz"
     if steps.min() == 0.0:
-        return None
+        return rows, ""
     ordinary = steps[steps < ONE_PERIOD * np.median(steps)]
     rate = float(f"{1.0 / ordinary.mean():.9g}")
     even = _resample(rows, signals, rate)

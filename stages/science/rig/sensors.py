@@ -62,10 +62,8 @@ def contract(angle_rad: Array, velocity_rad_per_s: Array, exoskeleton: Exoskelet
     at_zero = np.array([muscle.contraction_at_angle_0 for muscle in exoskeleton.muscles])
     per_rad = np.array([muscle.contraction_per_rad for muscle in exoskeleton.muscles])
     joint = exoskeleton.joint_of_muscle
-    return {
-        "contraction": at_zero + per_rad * angle_rad[:, joint],
-        "contraction_velocity_per_s": per_rad * velocity_rad_per_s[:, joint],
-    }
+    contraction, rate = at_zero + per_rad * angle_rad[:, joint], per_rad * velocity_rad_per_s[:, joint]
+    return {"contraction": contraction, "contraction_velocity_per_s": rate}
 
 
 def read_encoder(angle_rad: Array, encoder: Encoder, noise: Array) -> Array:
