@@ -41,18 +41,11 @@ class SparseDesign(Policy):
 
 @dataclass(frozen=True)
 class SparseInteraction(Knowledge):
-    """What is known before a trial, with sparse models of all samples.
-
-    Parameters
-    ----------
-    design, candidates, priors, inputs, outputs, thetas, used, tasks
-        As in `Knowledge`.
-    pseudo : tuple over M muscles of (K, D) float arrays
-        Pseudo-inputs, standardised.
-    """
+    """What is known before a trial, with sparse models of all samples; the other parameters are `Knowledge`'s."""
 
     design: SparseDesign
     pseudo: tuple[Array, ...] = ()
+    """Pseudo-inputs of each of M muscles, (K, D) float arrays, standardised."""
 
     def _identify(
         self, inputs: tuple[Array, ...], outputs: tuple[Array, ...], generators: Sequence[np.random.Generator]

@@ -42,8 +42,6 @@ Blocks = tuple[Columns, list[list[Array]]]
 def build_static_map(output: OutputChannel) -> Blocks:
     """Return a static map of an output's own signals, rates excepted, as the output responds to it.
 
-    Notes
-    -----
     Inducing points: Quinonero-Candela and Rasmussen, A unifying view of sparse approximate Gaussian process
     regression, Journal of Machine Learning Research 6 (2005).
     """

@@ -25,8 +25,6 @@ LEAST_TAKEN = 0.01
 def find_line(residual: Array, present: NDArray[np.bool_], step_s: float, limits: DetectionSettings) -> float | None:
     """Return the frequency of a line in a residual, (T, K), which counts where present; Hz, or None.
 
-    Notes
-    -----
     Mean power of K trials over the median around it, against the gamma distribution that it has under noise, for as
     many frequencies as trials have samples; Percival and Walden, Spectral Analysis for Physical Applications (1993),
     chapter 10.

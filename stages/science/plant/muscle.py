@@ -54,8 +54,6 @@ def pull_at_rest(pressure_kpa: Array, muscles: MuscleConstants) -> Array:
 def pull(pressure: float, contraction: float, velocity: float, muscles: MuscleConstants, m: int) -> float:
     """Return the tension of muscle `m`, N; never negative.
 
-    Notes
-    -----
     Chou and Hannaford, Measurement and modeling of McKibben pneumatic artificial muscles, IEEE Trans. Robot. Autom. 12
     (1996): F = P pi r^2 (a (1 - C)^2 - b). The factor on C accounts for tapering ends (Tondu and Lopez, IEEE Control
     Syst. Mag. 20, 2000); the part without pressure is the rubber tube's.
