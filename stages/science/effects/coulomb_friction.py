@@ -112,10 +112,7 @@ YIELDING_SLIDER = replace(
 )
 
 YIELDING_CABLE = replace(
-    CABLE,
-    form="cable_presliding",
-    parameters=(CABLE.parameters[0], PRESLIDING),
-    source=YIELDING_SLIDER.source,
+    CABLE, form="cable_presliding", parameters=(CABLE.parameters[0], PRESLIDING), source=YIELDING_SLIDER.source
 )
 
 RUBBING_ELEMENT = ElementEffect(

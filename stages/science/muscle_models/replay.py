@@ -113,12 +113,9 @@ class Replay:
             size = self.outputs[0].shape[1], amplitude_s, self.period_s
             return lambda row, taken: displace(row, taken, *size, generator("shift", trial, name, len(taken)))
 
-        inputs, outputs = [], []
-        for x, y in zip(self.inputs, self.outputs, strict=True):
-            executed = np.concatenate([x[each] for each in initial])
-            at = place_evenly(loop.initial_points, len(executed))
-            inputs.append(executed[at])
-            outputs.append(np.concatenate([y[each] for each in initial])[at])
+        first, at = list(initial), place_evenly(loop.initial_points, len(initial) * self.outputs[0].shape[1])
+        inputs = [each[first].reshape(-1, each.shape[2])[at] for each in self.inputs]
+        outputs = [each[first].ravel()[at] for each in self.outputs]
         design = loop.design(self.muscles.mean)
         known = Interaction.begin(design, self.muscles.candidates, priors, inputs, outputs, initial, starts(0))
         yield known

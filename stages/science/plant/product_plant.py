@@ -44,17 +44,13 @@ class ProductPlant(ElementPlant):
         def name(told: Any) -> Any:
             return [section[each] if each in keys else each for each in told] if isinstance(told, list) else told
 
-        named = {
-            key: {**each, "of": name(each["of"])} if isinstance(each, Mapping) and "of" in each else each
-            for key, each in section["constants"].items()
-        }
-        left = {
-            key: each
-            for key, each in named.items()
-            if not (isinstance(each, Mapping) and None in (each.get("of") or ()))
-        }
+        constants = {}
+        for key, each in section["constants"].items():
+            multiplied = name(each["of"]) if isinstance(each, Mapping) and "of" in each else None
+            if multiplied is None or None not in multiplied:
+                constants[key] = each if multiplied is None else {**each, "of": multiplied}
         pressing = [each for each in name(section.get("pressing", [])) if each is not None]
-        return {**section, "constants": left, **({"pressing": pressing} if "pressing" in section else {})}
+        return {**section, "constants": constants, **({"pressing": pressing} if "pressing" in section else {})}
 
     @property
     def inputs(self) -> tuple[str, ...]:
