@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 
 from stages.science.plant.chain import Chain
 from stages.science.plant.exoskeleton import Exoskeleton
-from stages.science.plant.joint import collect_joints, integrate_joints
+from stages.science.plant.joint import drive_joints, integrate_joints
 from stages.science.plant.participant import Intention, Person
 from stages.science.plant.plant import Plant
 from stages.science.signals.trajectories import Array
@@ -48,13 +48,12 @@ def interact(
     each moved by what a person, or nobody, intends there.
     """
     chain = Chain(exoskeleton, plant)
-    joints, of_muscle = collect_joints(exoskeleton, plant), exoskeleton.joint_of_muscle
-    substeps = plant.count_substeps(chain.step_s)
+    driven = drive_joints(exoskeleton, plant, chain.constants, person, chain.step_s)
+    of_muscle = exoskeleton.joint_of_muscle
     pressure = chain.pressurise(command_kpa)
     deviation = drag = np.zeros_like(pressure)
     for _ in range(1 + plant.relaxation_passes * chain.bends_force):
-        inputs = (pressure, deviation, drag, intention, start_rad)
-        angle, velocity = integrate_joints(*inputs, joints, chain.constants, of_muscle, person, chain.step_s, substeps)
+        angle, velocity = integrate_joints(pressure, deviation, drag, intention, start_rad, of_muscle, driven)
         motion, deviation, drag = follow(chain, of_muscle, pressure, angle, velocity)
     return motion
 

@@ -165,9 +165,14 @@ def _integrate(drive: Array, aims: Array, start: float, driven: Driven) -> tuple
     return angle, velocity
 
 
-def split_by_joint(muscles: MuscleConstants, joint_of_muscle: Array, joints: int) -> list[MuscleConstants]:
-    """Return the constants of each joint's muscles."""
-    return [MuscleConstants(*(each[joint_of_muscle == j] for each in muscles)) for j in range(joints)]
+def drive_joints(
+    exoskeleton: Exoskeleton, plant: Plant, muscles: MuscleConstants, person: Sequence[Person], step_s: float
+) -> list[Driven]:
+    """Return each joint with its muscles, of the constants of all, and with the person who moves it."""
+    of_muscle, joints = np.array(exoskeleton.joint_of_muscle), collect_joints(exoskeleton, plant)
+    own = (MuscleConstants(*(each[of_muscle == j] for each in muscles)) for j in range(len(joints)))
+    substeps = plant.count_substeps(step_s)
+    return [Driven(*each, step_s, substeps) for each in zip(joints, own, person, strict=True)]
 
 
 def integrate_joints(
@@ -176,12 +181,8 @@ def integrate_joints(
     drag_n_s: Array,
     intention: Intention,
     start_rad: Array,
-    joints: Sequence[JointConstants],
-    muscles: MuscleConstants,
     joint_of_muscle: Sequence[int],
-    person: Sequence[Person],
-    step_s: float,
-    substeps: int,
+    driven: Sequence[Driven],
 ) -> tuple[Array, Array]:
     """Return angle, rad, and velocity, rad/s, of the joints from rest, (T, J) each.
 
@@ -191,10 +192,8 @@ def integrate_joints(
     """
     drive, aims = np.stack([pressure_kpa, deviation_n, drag_n_s], axis=1), np.stack(intention, axis=1)
     of_muscle = np.array(joint_of_muscle)
-    its_muscles = split_by_joint(muscles, of_muscle, len(joints))
     angle, velocity = np.empty_like(intention.angle_rad), np.empty_like(intention.angle_rad)
-    for j, joint in enumerate(joints):
-        its_drive, its_aims = (np.ascontiguousarray(each) for each in (drive[:, :, of_muscle == j], aims[:, :, j]))
-        driven = Driven(joint, its_muscles[j], person[j], step_s, substeps)
-        angle[:, j], velocity[:, j] = _integrate(its_drive, its_aims, float(start_rad[j]), driven)
+    for j, each in enumerate(driven):
+        its_drive, its_aims = np.ascontiguousarray(drive[:, :, of_muscle == j]), np.ascontiguousarray(aims[:, :, j])
+        angle[:, j], velocity[:, j] = _integrate(its_drive, its_aims, float(start_rad[j]), each)
     return angle, velocity

@@ -13,7 +13,7 @@ import numpy as np
 from stages.science.plant.chain import Chain
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.interaction import Motion, follow
-from stages.science.plant.joint import Driven, advance, balance, collect_joints, split_by_joint
+from stages.science.plant.joint import advance, balance, drive_joints
 from stages.science.plant.participant import Intention, Person
 from stages.science.plant.plant import Plant
 from stages.science.signals.trajectories import Array
@@ -28,19 +28,16 @@ class Steps:
         self, exoskeleton: Exoskeleton, plant: Plant, intention: Intention, person: Sequence[Person], start_rad: Array
     ):
         self.chain = Chain(exoskeleton, plant)
-        joints = collect_joints(exoskeleton, plant)
+        self.driven = drive_joints(exoskeleton, plant, self.chain.constants, person, self.chain.step_s)
         self.of_muscle = np.array(exoskeleton.joint_of_muscle)
         self.aims = np.stack(intention, axis=1)  # (T, 3, J)
-        samples, muscles = len(self.aims), len(self.of_muscle)
-        self.on = [self.of_muscle == j for j in range(len(joints))]
-        step = self.chain.step_s, plant.count_substeps(self.chain.step_s)
-        its_muscles = split_by_joint(self.chain.constants, self.of_muscle, len(joints))
-        self.driven = [Driven(*each, *step) for each in zip(joints, its_muscles, person, strict=True)]
+        samples, joints, muscles = len(self.aims), len(self.driven), len(self.of_muscle)
+        self.on = [self.of_muscle == j for j in range(joints)]
         self.inputs = [np.empty((3, 3, int(on.sum()))) for on in self.on]
         self.command = np.zeros((samples, muscles))
         self.drive = np.zeros((samples, 3, muscles))
         self.pressure = self.drive[:, 0]
-        self.angle, self.velocity = (np.zeros((samples, len(joints))) for _ in range(2))
+        self.angle, self.velocity = (np.zeros((samples, joints)) for _ in range(2))
         self.force, self.tension = (np.zeros((samples, muscles)) for _ in range(2))
         self.states = np.stack([start_rad, np.zeros_like(start_rad), np.zeros_like(start_rad)], axis=1)
         self.at = 0

@@ -48,8 +48,8 @@ def test_settled_motion_is_that_of_the_tension_it_brings_by_the_whole_chain():
     assert np.array_equal(tension, settled.tension_n)
     given = settled.tension_n - chain.pull_nominally(settled.pressure_kpa, settled.contraction, settled.velocity_per_s)
     inputs = (settled.pressure_kpa, given, np.zeros_like(given), intention, intention.angle_rad[0])
-    joints, of_muscle = joint.collect_joints(machine, rig.plant), machine.joint_of_muscle
-    angle, _ = joint.integrate_joints(*inputs, joints, chain.constants, of_muscle, embody(who, machine), 0.004, 2)
+    driven = joint.drive_joints(machine, rig.plant, chain.constants, embody(who, machine), 0.004)
+    angle, _ = joint.integrate_joints(*inputs, machine.joint_of_muscle, driven)
     assert np.abs(given).max() > 50.0
     assert angle == pytest.approx(settled.joint_angle_rad, abs=1e-3)
 

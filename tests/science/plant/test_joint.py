@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from stages.science.plant.joint import JointConstants, collect_joints, integrate_joints
+from stages.science.plant.joint import Driven, JointConstants, collect_joints, drive_joints, integrate_joints
 from stages.science.plant.muscle import MuscleConstants, compute_tension
 from stages.science.plant.participant import Intention, Person, embody
 from stages.science.plant.plant import collect_constants
@@ -17,7 +17,8 @@ def hold(joint, start, samples=1000, person=NOBODY, intended=0.0, push=0.0):
     none, still = np.zeros((samples, 0)), np.zeros((samples, 1))
     intention = Intention(still + intended, still, still + push)
     nothing = MuscleConstants(*[np.zeros(0)] * len(MuscleConstants._fields))
-    motion = integrate_joints(none, none, none, intention, np.array([start]), [joint], nothing, [], [person], 0.004, 2)
+    driven = [Driven(joint, nothing, person, 0.004, 2)]
+    motion = integrate_joints(none, none, none, intention, np.array([start]), [], driven)
     return motion[0][:, 0], motion[1][:, 0]
 
 
@@ -73,9 +74,8 @@ def test_motion_agrees_with_an_adaptive_solver(generator, effects):
 
     begin = np.concatenate([start, np.zeros(2), -torques(0.0, start, np.zeros(2))])
     truth = solve_ivp(rates, (0, time[-1]), begin, t_eval=time, rtol=1e-8, atol=1e-9, max_step=0.004).y
-    angle, velocity = integrate_joints(
-        pressure, deviation, drag, intention, start, joints, muscles, index, person, 0.004, 2
-    )
+    driven = drive_joints(machine, plant, muscles, person, 0.004)
+    angle, velocity = integrate_joints(pressure, deviation, drag, intention, start, index, driven)
     assert angle == pytest.approx(truth[:2].T, abs=2e-6)
     assert velocity == pytest.approx(truth[2:4].T, abs=2e-5)
 
