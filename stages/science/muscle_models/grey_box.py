@@ -43,18 +43,10 @@ class GreyBox:
         starts: int,
         warm_starts: Sequence[Array] = (),
     ) -> GreyBox:
-        """Return the model at the MAP of its hyperparameters.
+        """Return the model at the MAP of its hyperparameters, of Table 1 and the scaling of the muscle.
 
-        Parameters
-        ----------
-        recorded : RecordedModels
-            Table 1 and the scaling of the muscle.
-        points : DataFrame
-            The samples that the model stands on: rows of the table `points`.
-        plant_n : (N,) float array
-            The plant's force at each of them, N.
-        generator, starts, warm_starts
-            Of the search for the maximum, as `fit` takes them.
+        Of the samples that it stands on, rows of the table `points`, `plant_n`, (N,), is the plant's force, N. The rest
+        is of the search for the maximum, as `fit` takes it.
         """
         known = leave_residual(recorded.scaling, points, plant_n)
         search: dict[str, Any] = {"generator": generator, "starts": starts, "warm_starts": warm_starts}

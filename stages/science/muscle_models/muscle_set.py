@@ -93,16 +93,9 @@ class MuscleSet:
         """
         inputs, outputs = self.standardise(points)
         latest = models[models["trial"] == models["trial"].max()]
-        return Interaction(
-            design,
-            tuple(self.candidates),
-            tuple(self.priors),
-            tuple(inputs),
-            tuple(outputs),
-            tuple(latest.loc[latest["muscle"] == name, "value"].to_numpy() for name in self.names),
-            frozenset(self.indices(used)),
-            tuple(tasks),
-        )
+        thetas = tuple(latest.loc[latest["muscle"] == name, "value"].to_numpy() for name in self.names)
+        known = tuple(self.candidates), tuple(self.priors), tuple(inputs), tuple(outputs), thetas
+        return Interaction(design, *known, frozenset(self.indices(used)), tuple(tasks))
 
 
 @dataclass(frozen=True)

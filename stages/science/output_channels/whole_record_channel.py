@@ -68,11 +68,8 @@ class WholeRecordChannel(OutputChannel):
     measured: Array
     present: NDArray[np.bool_]
     start_s: Array
-    element: str
     begun: tuple[InitialState, ...]
     """How each record begins."""
-    head: int
-    """Samples by which that may be refined."""
     limits: DetectionSettings
     beside: tuple[str, ...]
     """Signals of the records that the plant does not name; what they explain gets no effect's name."""
@@ -85,7 +82,7 @@ class WholeRecordChannel(OutputChannel):
     def __post_init__(self) -> None:
         plant = self.plant
         self.channel, self.unit, self.time_scale_s = plant.output, own_unit(plant.output), plant.movement_s
-        self.constants, self.other_starts = plant.parameters, plant.other_starts
+        self.element, self.constants, self.other_starts = plant.element, plant.parameters, plant.other_starts
         self.resolution = (AVERAGED if self.averaged > 1 else ROUNDED) * self.range
 
     @property
@@ -183,7 +180,8 @@ class WholeRecordChannel(OutputChannel):
             if self.plant.drifts:
                 output = np.stack([self._shown[record] for record in records], axis=1)
             else:
-                output = np.where(np.arange(length)[:, None] < self.head, signals[self.plant.output], np.nan)
+                head = max(HEAD // self.averaged, 3)  # samples by which how a record begins may be refined
+                output = np.where(np.arange(length)[:, None] < head, signals[self.plant.output], np.nan)
             signals[self.plant.output] = output
             begun = InitialState(*np.concatenate([self.begun[record] for record in records], axis=1))
             start_s = np.array([begins_s[record] for record in records])
@@ -387,9 +385,7 @@ def build_whole_records(
         np.stack(measured, axis=1),
         np.stack(present, axis=1),
         np.array([begins_s[record] + first * step_s for record, first in places]),
-        resolved.element,
         tuple(read_initial_state([each[plant.output][:HEAD]], first_s, 0.5 * (step_s - first_s)) for each in bridged),
-        max(HEAD // stride, 3),
         limits,
         beside,
         stride,
