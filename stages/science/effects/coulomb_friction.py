@@ -9,9 +9,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.science.effects import PRESLIDING, name_terms, slide
+from stages.science.effects import PRESLIDING, name_terms, slide, take_share
 from stages.science.plant.effect import ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter
-from stages.science.plant.muscle import pull_at_rest
 
 SOURCE = (
     "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Friction models and friction compensation, Eur. J. "
@@ -47,9 +46,7 @@ CABLE = ChainEffect(
     source=SOURCE,
     signature="force steps by the same amount at every reversal, short while the muscle shortens",
     split_by="slow reversals at two pressures: the step at reversal stays the same",
-    apply=lambda signal, state, parameters: (
-        signal - parameters["share"] * state.muscles.full_force_n * slide(state, parameters)
-    ),
+    apply=take_share(slide),
 )
 
 SLIDER = DynamicEffect(
@@ -139,9 +136,7 @@ SLEEVE = replace(
     ),
     signature="force steps at every reversal in proportion to pressure",
     split_by="slow reversals at two pressures: the step at reversal grows with pressure",
-    apply=lambda signal, state, parameters: (
-        signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * slide(state, parameters)
-    ),
+    apply=take_share(slide, at_pressure=True),
 )
 
 FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLEEVE, SLIDER, STRIBECK_SLIDER, YIELDING_SLIDER, SPINNING, RUBBING_ELEMENT)

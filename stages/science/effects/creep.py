@@ -11,34 +11,23 @@ from dataclasses import replace
 
 import numpy as np
 
+from stages.science.effects import take_share
 from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State, Values
 from stages.science.plant.filters import lag, respond
-from stages.science.plant.muscle import pull_at_rest
 from stages.science.signals.trajectories import Array
 
 
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    tau = np.full(signal.shape[1], parameters["tau_s"])
-    held = state.contraction - respond(state.contraction, tau, tau, state.step_s)
-    return signal - parameters["share"] * state.muscles.full_force_n * held
+def _hold_one_sample_late(state: State, parameters: Values) -> Array:
+    tau = np.full(state.contraction.shape[1], parameters["tau_s"])
+    return state.contraction - respond(state.contraction, tau, tau, state.step_s)
 
 
-def _apply_with_pressure(signal: Array, state: State, parameters: Values) -> Array:
-    held = state.contraction - lag(state.contraction, parameters["tau_s"], state.step_s)
-    return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * held
-
-
-def _apply_two_branches(signal: Array, state: State, parameters: Values) -> Array:
-    slow = lag(state.contraction, parameters["tau_s"], state.step_s)
-    slower = lag(state.contraction, parameters["tau_s"] * parameters["ratio"], state.step_s)
-    held = state.contraction - 0.5 * (slow + slower)
-    return signal - parameters["share"] * state.muscles.full_force_n * held
-
-
-def _apply_stress_relaxation(signal: Array, state: State, parameters: Values) -> Array:
+def _hold(signal: Array, state: State, parameters: Values) -> Array:
+    """Return what a slow element holds of a signal, or two of different time constants on average."""
     slow = lag(signal, parameters["tau_s"], state.step_s)
-    slower = lag(signal, parameters["tau_s"] * parameters["ratio"], state.step_s)
-    return signal + parameters["share"] * (signal - 0.5 * (slow + slower))
+    if "ratio" not in parameters:
+        return signal - slow
+    return signal - 0.5 * (slow + lag(signal, parameters["tau_s"] * parameters["ratio"], state.step_s))
 
 
 def _share_of(what: str) -> Parameter:
@@ -59,7 +48,7 @@ EFFECT = ChainEffect(
     ),
     signature="force overshoots after a reach and drifts back within seconds, while nothing moves",
     split_by="a step of contraction held for ten seconds at constant pressure",
-    apply=_apply,
+    apply=take_share(_hold_one_sample_late),
 )
 
 
@@ -117,7 +106,7 @@ FORMS = (
         EFFECT,
         form="pressure_scaled",
         parameters=(_share_of("the force at this pressure and rest length"), TAU),
-        apply=_apply_with_pressure,
+        apply=take_share(lambda state, parameters: _hold(state.contraction, state, parameters), at_pressure=True),
     ),
     replace(
         EFFECT,
@@ -128,7 +117,7 @@ FORMS = (
             Parameter("ratio", "1", 3.0, 30.0, 10.0, 5.0, "slower over slow time constant", (8.0,)),
         ),
         source=TWO_BRANCHES_ELEMENT.source,
-        apply=_apply_two_branches,
+        apply=take_share(lambda state, parameters: _hold(state.contraction, state, parameters)),
     ),
     replace(
         EFFECT,
@@ -140,9 +129,7 @@ FORMS = (
         ),
         signature="force goes on rising for seconds after a step of pressure, or falling after one of contraction",
         split_by="a step of pressure held for ten seconds at constant contraction",
-        apply=lambda signal, state, parameters: (
-            signal - parameters["share"] * (signal - lag(signal, parameters["tau_s"], state.step_s))
-        ),
+        apply=lambda signal, state, parameters: signal - parameters["share"] * _hold(signal, state, parameters),
     ),
     replace(
         EFFECT,
@@ -158,7 +145,7 @@ FORMS = (
         ),
         signature="force overshoots after every change, of pressure too, and fades within seconds",
         split_by="a step of pressure held for ten seconds at constant contraction",
-        apply=_apply_stress_relaxation,
+        apply=lambda signal, state, parameters: signal + parameters["share"] * _hold(signal, state, parameters),
     ),
     YIELDING_ELEMENT,
     TWO_BRANCHES_ELEMENT,

@@ -8,7 +8,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.science.plant.effect import ChainEffect, Parameter, State, Values
+from stages.science.effects import take_share
+from stages.science.plant.effect import ChainEffect, Parameter, Values
 from stages.science.signals.trajectories import Array
 
 STEEPEST = 6.0
@@ -17,16 +18,6 @@ STEEPEST = 6.0
 
 def _grow(beyond: Array, parameters: Values) -> Array:
     return np.expm1(np.clip(beyond / parameters["length"], 0.0, STEEPEST))
-
-
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    beyond = _grow(state.contraction - parameters["onset"], parameters)
-    return signal - parameters["share"] * state.muscles.full_force_n * beyond
-
-
-def _apply_stretched(signal: Array, state: State, parameters: Values) -> Array:
-    beyond = _grow(parameters["onset"] - state.contraction, parameters)
-    return signal + parameters["share"] * state.muscles.full_force_n * beyond
 
 
 SHARE = Parameter(
@@ -50,7 +41,7 @@ EFFECT = ChainEffect(
     ),
     signature="force errs at one end of the range, more steeply the further, and is right elsewhere",
     split_by="slow reaches to both ends of the range at two pressures",
-    apply=_apply,
+    apply=take_share(lambda state, parameters: _grow(state.contraction - parameters["onset"], parameters)),
 )
 
 FORMS = (
@@ -63,6 +54,6 @@ FORMS = (
             Parameter("onset", "1", -0.05, 0.2, 0.05, 0.05, "contraction below which it stiffens", (0.05, 0.1)),
             LENGTH,
         ),
-        apply=_apply_stretched,
+        apply=take_share(lambda state, parameters: -_grow(parameters["onset"] - state.contraction, parameters)),
     ),
 )

@@ -10,9 +10,8 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.science.effects import name_terms
+from stages.science.effects import name_terms, take_share
 from stages.science.plant.effect import Bench, ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
-from stages.science.plant.muscle import pull_at_rest
 from stages.science.signals.operators import follow_bouc_wen, follow_play, follow_stops
 from stages.science.signals.trajectories import Array
 
@@ -23,22 +22,16 @@ def _spread(width: float) -> Array:
     return width * np.arange(1, ELEMENTS + 1) / ELEMENTS
 
 
-def _apply(signal: Array, state: State, parameters: Values) -> Array:
-    stops = follow_stops(state.contraction, _spread(parameters["width"]))
-    return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * stops
+def _slip(state: State, parameters: Values) -> Array:
+    return follow_stops(state.contraction, _spread(parameters["width"]))
 
 
-def _apply_plays(signal: Array, state: State, parameters: Values) -> Array:
+def _hold_by_plays(state: State, parameters: Values) -> Array:
     radii = _spread(parameters["width"])
-    held = np.zeros_like(signal)
+    held = np.zeros_like(state.contraction)
     for radius in radii:
         held += state.contraction - follow_play(state.contraction, radius)
-    return signal - parameters["share"] * state.muscles.full_force_n * (held / radii.sum())
-
-
-def _apply_bouc_wen(signal: Array, state: State, parameters: Values) -> Array:
-    turned = follow_bouc_wen(state.contraction, parameters["width"])
-    return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * turned
+    return held / radii.sum()
 
 
 def _share_of(what: str) -> Parameter:
@@ -61,7 +54,7 @@ EFFECT = ChainEffect(
     ),
     signature="a loop of force over contraction, whatever the speed, that turns within a small way after each reversal",
     split_by="small reversals inside a large one, slow, at constant pressure",
-    apply=_apply,
+    apply=take_share(_slip, at_pressure=True),
 )
 
 BOUC_WEN_SPRING = DynamicEffect(
@@ -165,7 +158,7 @@ FORMS = (
             "Lin, Lin, Yu, Chen, Hysteresis modeling and tracking control for a dual pneumatic artificial muscle "
             "system using Prandtl-Ishlinskii model, Mechatronics 28 (2015)"
         ),
-        apply=_apply_plays,
+        apply=take_share(_hold_by_plays),
     ),
     replace(
         EFFECT,
@@ -175,7 +168,9 @@ FORMS = (
             replace(WIDTH, low=0.002, starts=(0.004, 0.015)),
         ),
         source="Wen, Method for random vibration of hysteretic systems, J. Eng. Mech. Div. ASCE 102 (1976)",
-        apply=_apply_bouc_wen,
+        apply=take_share(
+            lambda state, parameters: follow_bouc_wen(state.contraction, parameters["width"]), at_pressure=True
+        ),
     ),
     replace(
         EFFECT,
@@ -185,9 +180,7 @@ FORMS = (
             "Tondu, Lopez, Modeling and control of McKibben artificial muscle robot actuators, IEEE Control Syst. Mag. "
             "20 (2000): dry friction between threads"
         ),
-        apply=lambda signal, state, parameters: (
-            signal - parameters["share"] * signal * follow_stops(state.contraction, _spread(parameters["width"]))
-        ),
+        apply=lambda signal, state, parameters: signal - parameters["share"] * signal * _slip(state, parameters),
     ),
     replace(
         EFFECT,

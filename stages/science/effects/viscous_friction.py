@@ -8,23 +8,16 @@ from dataclasses import replace
 
 import numpy as np
 
-from stages.science.effects import name_terms
+from stages.science.effects import name_terms, take_share
 from stages.science.plant.effect import ChainEffect, DynamicEffect, ElementEffect, Parameter, State, Values
-from stages.science.plant.muscle import pull_at_rest
 from stages.science.signals.trajectories import Array
 
 USUAL_PER_S = 0.1
 
 
-def _apply_power(signal: Array, state: State, parameters: Values) -> Array:
+def _quicken(state: State, parameters: Values) -> Array:
     quick = state.velocity_per_s / USUAL_PER_S
-    bent = np.copysign(np.abs(quick) ** parameters["exponent"], quick)
-    return signal - parameters["share"] * state.muscles.full_force_n * bent
-
-
-def _apply_with_pressure(signal: Array, state: State, parameters: Values) -> Array:
-    quick = state.velocity_per_s / USUAL_PER_S
-    return signal - parameters["share"] * pull_at_rest(state.pressure_kpa, state.muscles) * quick
+    return np.copysign(np.abs(quick) ** parameters["exponent"], quick) if "exponent" in parameters else quick
 
 
 def _share_of(what: str) -> Parameter:
@@ -43,9 +36,7 @@ EFFECT = ChainEffect(
     ),
     signature="force is short in proportion to the velocity of shortening, and right at rest",
     split_by="the same way at three speeds and two pressures",
-    apply=lambda signal, state, parameters: (
-        signal - parameters["share"] * state.muscles.full_force_n * (state.velocity_per_s / USUAL_PER_S)
-    ),
+    apply=take_share(_quicken),
 )
 
 DAMPED_MOTION = DynamicEffect(
@@ -111,7 +102,6 @@ FORMS = (
             _share_of("the largest force"),
             Parameter("exponent", "1", 0.2, 2.5, 1.0, 0.5, "power of velocity", (0.5, 1.8)),
         ),
-        apply=_apply_power,
     ),
     replace(
         EFFECT,
@@ -121,7 +111,7 @@ FORMS = (
             "Reynolds, Repperger, Phillips, Bandry, Modeling the dynamic characteristics of pneumatic muscle, Ann. "
             "Biomed. Eng. 31 (2003): damping grows with pressure"
         ),
-        apply=_apply_with_pressure,
+        apply=take_share(_quicken, at_pressure=True),
     ),
     DAMPED_MOTION,
     QUADRATIC,
