@@ -333,11 +333,13 @@ def describe_high_floor(channels: pd.DataFrame, high: float, final: float = math
 
 
 def describe_remainder(remainder: pd.DataFrame, status: str, settings: ReportSettings) -> list[str]:
-    """Return on what depends that which stays unexplained, by the table `remainder`; a hint, marked as one."""
+    """Return what the unexplained depends on, by the table `remainder`; a hint, marked as one."""
     if status == "no_discrepancy":
         return []
     if remainder.empty and status == "unexplained":
-        return ["On what it depends is not told: on the fitted trials the gap is hardly above the noise floor."]
+        return [
+            "What the gap depends on is not told: on the fitted trials it is hardly above what flexible models leave."
+        ]
     sentences = []
     for channel, rows in remainder.groupby("channel", sort=False):
         name = name_signal(str(channel))[0]
@@ -350,8 +352,8 @@ def describe_remainder(remainder: pd.DataFrame, status: str, settings: ReportSet
         silent = rows.loc[(rows["inputs"] == "") & (rows["drift"] == ""), "muscle"].to_list()
         if silent:
             sentences.append(
-                f"On what depends that which stays unexplained in {name} of {_join(silent)} is not told: no Gaussian "
-                "process of a few measured signals predicts it in trials left out."
+                f"What stays unexplained in {name} of {_join(silent)} is not told to depend on anything: no "
+                "Gaussian process of a few measured signals predicts it in trials left out."
             )
     return sentences
 

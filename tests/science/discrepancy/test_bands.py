@@ -59,3 +59,5 @@ def test_coverage_is_the_share_of_samples_with_an_interval_over_trials():
     told = measure_coverage(inside, counts, resample(3, 1000, np.random.default_rng(0)), 0.95)
     assert told["coverage"] == pytest.approx(140.0 / 150.0)
     assert (told["low"], told["high"]) == pytest.approx((0.0, 1.0), abs=0.11)
+    alone = measure_coverage(inside[:1], counts[:1], resample(1, 10, np.random.default_rng(0)), 0.95)
+    assert (alone["coverage"], alone["low"], alone["high"]) == (0.9, None, None)

@@ -201,7 +201,7 @@ def test_of_noise_nothing_is_told_but_that():
     table = pd.DataFrame([row])
     said = describe_remainder(table, "named", DISCREPANCY.report)
     assert len(said) == 1
-    assert "is not told: no Gaussian process" in said[0]
+    assert "no Gaussian process" in said[0]
     assert not describe_remainder(table, "no_discrepancy", DISCREPANCY.report)
     assert not describe_remainder(table[:0], "named", DISCREPANCY.report)
     assert "hardly above the noise floor" in describe_remainder(table[:0], "unexplained", DISCREPANCY.report)[0]
