@@ -57,9 +57,8 @@ def blinded_session(cfg: Config, ctx: Context) -> dict[str, pd.DataFrame]:
     starts = tables.measured_trials.set_index("trial")["start_s"]
     samples = tables.measured.assign(start_s=tables.measured["trial"].map(starts))
     told = {name: tables.measured_session[name].iloc[0] for name in ("sampling_rate_hz", "load_cell_site", "timing")}
-    seal = {"sha256": [seal_truth(recorded)], "rig": [type(ctx.device).__name__]}
     return {
         SESSION_RECORDINGS.name: samples[list(SESSION_RECORDINGS.columns)],
         SESSION_MACHINE.name: tables.measured_muscles[list(MUSCLE_COLUMNS)].assign(**told),
-        SEAL.name: pd.DataFrame(seal),
+        SEAL.name: pd.DataFrame({"sha256": [seal_truth(recorded)], "rig": [type(ctx.device).__name__]}),
     }

@@ -186,10 +186,7 @@ def forgo(chosen: float, information: Array) -> float:
 
 def agree(scores: Array, information: Array) -> tuple[float, float]:
     """Return rank correlation and regret of scores; NaN and the regret of the first where all scores are equal."""
-    regret = forgo(information[int(np.argmax(scores))], information)
-    if np.ptp(scores) == 0 or np.ptp(information) == 0:
-        return np.nan, regret
-    return _correlate_ranks(scores, information), regret
+    return _correlate_ranks(scores, information), forgo(information[int(np.argmax(scores))], information)
 
 
 def rely(densities: Array) -> float:
@@ -198,17 +195,14 @@ def rely(densities: Array) -> float:
     2 r / (1 + r) for all draws, after Spearman and Brown (1910), and r itself where that is negative. NaN where a half
     does not tell trajectories apart.
     """
-    halves = [densities[start::2].mean(axis=0) for start in (0, 1)]
-    if any(np.ptp(each) == 0 for each in halves):
-        return np.nan
-    r = _correlate_ranks(*halves)
+    r = _correlate_ranks(*(densities[start::2].mean(axis=0) for start in (0, 1)))
     return r if r < 0 else 2 * r / (1 + r)
 
 
 def _correlate_ranks(one: Array, other: Array) -> float:
     from scipy.stats import spearmanr  # slow to import
 
-    return float(spearmanr(one, other).statistic)
+    return float(spearmanr(one, other).statistic) if np.ptp(one) and np.ptp(other) else np.nan
 
 
 def summarise(agreement: pd.DataFrame) -> pd.DataFrame:
