@@ -15,7 +15,7 @@ from dataclasses import dataclass
 import numpy as np
 import pandas as pd
 import scipy
-from pydantic import BaseModel, ConfigDict, PositiveFloat, PositiveInt
+from pydantic import BaseModel, PositiveFloat, PositiveInt
 
 from stages.science.gp.expected_error import expect_error, leave_trials_out
 from stages.science.gp.marginal import MarginalGP
@@ -29,10 +29,8 @@ LEVEL = 0.95
 """Of intervals."""
 
 
-class Spread(BaseModel):
+class Spread(BaseModel, extra="forbid", frozen=True, strict=True, allow_inf_nan=False):
     """The SD of the logarithm of measured over expected errors before any trial, and how many trials it counts for."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     log_sd: PositiveFloat
     trials: PositiveInt

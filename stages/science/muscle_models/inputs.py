@@ -10,7 +10,7 @@ from typing import Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
-from pydantic import AfterValidator, BaseModel, ConfigDict, Field, PositiveFloat, model_validator
+from pydantic import AfterValidator, BaseModel, Field, PositiveFloat, model_validator
 
 from stages.science.signals.columns import Column, column
 from stages.science.signals.histories import lag
@@ -19,10 +19,8 @@ from stages.science.signals.scaling import MODEL_INPUTS
 from stages.science.signals.trajectories import Array
 
 
-class InputConstants(BaseModel):
+class InputConstants(BaseModel, extra="forbid", frozen=True, strict=True, allow_inf_nan=False):
     """Constants of the features."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     stop_width: PositiveFloat = Field(le=1, description="half the width of the play, of contraction, 1")
     stop_ratio: float = Field(gt=1, le=100, description="a wide play over it, and it over a narrow play, 1")
@@ -134,10 +132,8 @@ Name = Literal[
 ]
 
 
-class ModelSettings(BaseModel):
+class ModelSettings(BaseModel, extra="forbid", frozen=True, strict=True, allow_inf_nan=False):
     """Config group ``model``."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False)
 
     inputs: Annotated[list[Name], Field(min_length=1)]
     constants: InputConstants

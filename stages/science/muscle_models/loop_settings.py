@@ -63,10 +63,8 @@ SampleUtility = Annotated[NamedForSamples, WrapValidator(_read_own)]
 Points = Annotated[int, Field(ge=1, le=MOST_POINTS)]
 
 
-class Movements(BaseModel):
+class Movements(BaseModel, extra="ignore", frozen=True, strict=True, allow_inf_nan=False):
     """How many movements the bank will hold; its other keys are passed over."""
-
-    model_config = ConfigDict(extra="ignore", frozen=True, strict=True, allow_inf_nan=False)
 
     trajectories: int
 
