@@ -95,6 +95,7 @@ class MuscleChannel(OutputChannel):
     load_cell_site: Literal["muscle_tip", "joint_end"]
     limits: DetectionSettings
     slow_drivers: bool = False
+    levers = (MOTION, COMMAND)
 
     def __post_init__(self) -> None:
         records = self.records
@@ -106,11 +107,6 @@ class MuscleChannel(OutputChannel):
     def take(self, trials: Sequence[int]) -> Self:
         """Return the output with some of its trials."""
         return replace(self, records=self.records.take(trials))
-
-    @property
-    def levers(self) -> tuple[str, ...]:
-        """The joint's motion and the command."""
-        return MOTION, COMMAND
 
     def excite(self, shares: Mapping[str, Array]) -> Self:
         """Return the output in other trials; the pressure follows the command at once."""
