@@ -234,17 +234,15 @@ def integrate(
     limit = np.array([1.0 / cut if cut > 0.0 else np.inf for cut in told["drive_cut"]])
     late = (told["delay"] * 2.0 * np.pi / pace + late) * (2 * substeps)
     if told["drive_play"].any():
-        drive = np.stack(
-            [follow_play(each[:, None], width)[:, 0] for each, width in zip(drive, told["drive_play"], strict=True)]
-        )
+        played = zip(drive, told["drive_play"], strict=True)
+        drive = np.stack([follow_play(each[:, None], width)[:, 0] for each, width in played])
     if told["drive_lag"].any():  # what lags is unknown at first: the motion is taken to begin in balance
         balance = hold[:, 0] * start[0] + told["damping"] * start[1]
         drive = _follow(drive, told["drive_lag"], balance, 0.5 * h, held)
         if hold.shape[1] > 1:
             hold = _follow(hold, told["drive_lag"], hold[:, 0], 0.5 * h, held)
     drive, hold, start = (np.ascontiguousarray(each) for each in (drive, hold, start))
-    moved = _integrate(drive, hold, start, table, limit, late, h, substeps)
-    moved = moved + told["sensor_offset"]
+    moved = _integrate(drive, hold, start, table, limit, late, h, substeps) + told["sensor_offset"]
     if told["folded"].any():
         moved = moved + 2.0 * told["folded"] * np.maximum(-(moved + offset), 0.0)
     ends = (told[name] - offset for name in ("lowest", "highest"))

@@ -152,14 +152,12 @@ class FirstOrder(RecordPlant):
             for record in records
         ]
         rows = [np.stack([u[:, 0], np.ones(len(u)), -y[:, 1]], axis=1) for u, y in filtered]
-        gain, offset, lag = map(
-            float, regress(rows, [y[:, 0] for _, y in filtered], int(np.ceil(8.0 * tau_s / step_s)))
-        )
+        skipped = int(np.ceil(8.0 * tau_s / step_s))
+        gain, offset, lag = map(float, regress(rows, [y[:, 0] for _, y in filtered], skipped))
         lag = lag if lag > 0.0 else pace
         largest = max(float(np.abs(each[self.input]).max()) for each in records) or 1.0
-        middle = float(np.abs(np.concatenate(outputs)).max())
         wide = max(abs(gain), scale / max(largest, 1e-12))
-        far = max(middle, scale)
+        far = max(float(np.abs(np.concatenate(outputs)).max()), scale)
         guessed = {
             "gain": (gain, -20.0 * wide, 20.0 * wide, wide),
             "offset": (offset, -20.0 * far, 20.0 * far, far),

@@ -62,10 +62,9 @@ class Oscillator(MotionPlant):
         omega = float(np.sqrt(hold)) if hold > 0.0 else 1.0 / self.know("time_scale_s")
         hertz, ratio = omega / (2.0 * np.pi), float(np.clip(0.5 * damping / omega, 0.005, 1.5))
         largest, swing = max(float(np.abs(u[:, 0]).max()) for u in inputs) or 1.0, self.know("output_scale")
-        middle = float(np.mean(np.concatenate([y[:, 0] for y in outputs])))
         gain = push / omega**2 if abs(push) > 0.0 else swing / max(largest, 1e-12)
         usual = max(abs(gain), swing / largest)
-        far = max(swing, abs(middle))
+        far = max(swing, abs(float(np.mean(np.concatenate([y[:, 0] for y in outputs])))))
         return {
             "static_gain": (gain, -20.0 * usual, 20.0 * usual, usual),
             "natural_frequency_hz": (hertz, 0.1 * hertz, 10.0 * hertz, 0.5 * hertz),
