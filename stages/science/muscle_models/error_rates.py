@@ -38,8 +38,7 @@ def carry_forward(errors: pd.DataFrame) -> pd.DataFrame:
 def average_muscles(errors: pd.DataFrame, values: Sequence[str] = ("error_rate",)) -> pd.DataFrame:
     """Return the values averaged over muscles, with all other columns but rmse_n."""
     keys = [name for name in errors.columns if name not in ("muscle", "rmse_n", *values)]
-    averaged = errors.groupby(keys, sort=False)[list(values)].mean().reset_index()
-    return averaged.assign(muscle=ALL_MUSCLES)
+    return errors.groupby(keys, sort=False)[list(values)].mean().reset_index().assign(muscle=ALL_MUSCLES)
 
 
 def add_average(errors: pd.DataFrame) -> pd.DataFrame:

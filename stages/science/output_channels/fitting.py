@@ -189,8 +189,7 @@ class Fit:
 
 def _weigh_cost(model: Model, values: Array, residual: Array, collector: Collector, noise: Noise | TrialNoise) -> float:
     mean, sd = model.prior
-    square = collector.collect_alone(residual, noise)
-    return float(square.sum() + (((values - mean) / sd) ** 2).sum())
+    return float(collector.collect_alone(residual, noise).sum() + (((values - mean) / sd) ** 2).sum())
 
 
 def fit(model: Model, noise: Noise | TrialNoise, start: Array, iterations: int = ITERATIONS) -> Fit:

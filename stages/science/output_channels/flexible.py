@@ -88,8 +88,7 @@ def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
 
 def explain(output: OutputChannel, residual: Array, learnt: Mask | None = None) -> list[tuple[str, Array]]:
     """Return what is left of each trial's residual, (T, K), by models that leave the output's own values; by family."""
-    by_trees = explain_by_trees(output, residual, learnt)
-    return [("", by_trees), (MEMORY, explain_by_memory(output, residual, learnt))]
+    return [("", explain_by_trees(output, residual, learnt)), (MEMORY, explain_by_memory(output, residual, learnt))]
 
 
 def explain_changing(

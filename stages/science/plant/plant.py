@@ -155,8 +155,7 @@ class Plant(Declared):
         for key in (name, kind):
             if key in self.muscles:
                 return self.muscles[key]
-        hint = nearest(kind, self.muscles)
-        raise ValueError(f"plant has no constants for muscle {name} or its type {kind}; {hint}")
+        raise ValueError(f"plant has no constants for muscle {name} or its type {kind}; {nearest(kind, self.muscles)}")
 
 
 def collect_constants(exoskeleton: Exoskeleton, plant: Plant) -> MuscleConstants:
