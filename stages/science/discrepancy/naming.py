@@ -119,10 +119,7 @@ def rank(outputs: Sequence[FittedChannel], settings: SearchSettings, divide: Div
     verdicts = weigh_names(alone, beside, channels, priors, settings.most_evidence, worth)
     forms = {name: look.choose_forms(name, its, verdicts.likely[name]) for name, its in verdicts.forms.items()}
     verdicts = look.believe_exact(replace(verdicts, forms=forms))
-    raws = {}
-    for name in names:
-        carried = zip(outputs, look.find_fits(name, verdicts.forms[name]), verdicts.carries[name], strict=True)
-        raws[name] = [(fitted if fitted and its > 0.5 else state.current).raw for state, fitted, its in carried]
+    raws = {name: [each.raw for each in carry(outputs, choices, verdicts, name)] for name in names}
     raws |= {family: [each.families[family] for each in left] for family in (NONE, *verdicts.families)}
     gaps, heldout = {}, {}
     for name, squares in raws.items():
@@ -143,6 +140,12 @@ def rank(outputs: Sequence[FittedChannel], settings: SearchSettings, divide: Div
     return Round(verdicts, confounded, gaps, heldout, sites, named), choices
 
 
+def carry(outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts, name: str) -> list[Fitted]:
+    """Return the fits of outputs with a name, on those that carry it more probably than not."""
+    carried = zip(outputs, choices, verdicts.forms[name], verdicts.carries[name], strict=True)
+    return [fits.get((name, form), state.current) if its > 0.5 else state.current for state, fits, form, its in carried]
+
+
 @dataclass(frozen=True)
 class _Look:
     """One look at outputs: the fits of the shortlisted forms in each, and what models leave there."""
@@ -151,10 +154,6 @@ class _Look:
     choices: Sequence[Choice]
     left: Sequence[Left]
     settings: SearchSettings
-
-    def find_fits(self, name: str, forms: Sequence[str]) -> list[Fitted | None]:
-        """Return by output the fit with a name in its form there, where there is one."""
-        return [choice.get((name, form)) for choice, form in zip(self.choices, forms, strict=True)]
 
     def choose_forms(self, name: str, probable: Sequence[str], likely: Collection[str]) -> list[str]:
         """Return the form of a name with the smallest gap in its channel, of those that are likely and fitted.
@@ -175,7 +174,8 @@ class _Look:
         """Return the verdicts with effects that exactly repeated values show as nearly certain, whatever their gain."""
         sure = 1.0 - self.settings.family_prior
         for name, forms in verdicts.forms.items():
-            both = zip(self.outputs, self.find_fits(name, forms), strict=True)
+            fits = [choice.get((name, form)) for choice, form in zip(self.choices, forms, strict=True)]
+            both = zip(self.outputs, fits, strict=True)
             shown = [fitted is not None and _is_shown(state, fitted) for state, fitted in both]
             if any(shown) and verdicts.names[name] < sure:
                 carries = np.where(shown, 1.0, verdicts.carries[name])
@@ -393,20 +393,18 @@ def _shortlist(
     """
     promised: dict[tuple[str, str, str], Array] = {}
     static: dict[tuple[str, str, str], bool] = {}
+    kept: set[tuple[str, str, str]] = set()
     for state, listed in zip(outputs, candidates, strict=True):
         for each in listed:
             key = (state.output.channel, each.form.name, each.form.form)
+            kept |= {key} if state.output.shows(each.form) else set()
             gains = np.maximum([each.gain, each.raw_gain], 0.0)
             promised[key] = promised.get(key, np.zeros(2)) + gains
             static[key] = static.get(key) or _is_static(state, each.form, settings)
-    kept: set[tuple[str, str, str]] = set()
     for kind in {(key[0], static[key]) for key in promised}:
         own = {key: each for key, each in promised.items() if (key[0], static[key]) == kind}
         for scale, most in ((0, settings.shortlist), (1, (settings.shortlist + 1) // 2)):
             kept |= _take_best({key: float(each[scale]) for key, each in own.items()}, most)
-    for state, listed in zip(outputs, candidates, strict=True):
-        exact = [each.form for each in listed if state.output.shows(each.form)]
-        kept |= {(state.output.channel, form.name, form.form) for form in exact}
     return kept
 
 

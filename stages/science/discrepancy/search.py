@@ -10,9 +10,8 @@ from itertools import product
 
 import numpy as np
 
-from stages.science.discrepancy.evidence import Verdicts
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, list_kept, prepare, refine
-from stages.science.discrepancy.naming import Choice, Named, Round, is_worth, rank
+from stages.science.discrepancy.naming import Choice, Named, Round, carry, is_worth, rank
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.fitting import fit
@@ -94,7 +93,10 @@ def _search(
             continue
         found.rounds.append(looked)
         if looked.named is None:
-            found.undecided = _carry_likeliest(found.outputs, looked.verdicts, choices)
+            effects = [each for each in looked.verdicts.forms if each not in looked.verdicts.families]
+            if effects:
+                likeliest = max(effects, key=looked.verdicts.names.__getitem__)
+                found.undecided = carry(found.outputs, choices, looked.verdicts, likeliest)
             break
         _add(found, looked.named, choices, generator, divide)
         newest, there = looked.named, [each for each in found.named if each.channel == looked.named.channel]
@@ -105,16 +107,6 @@ def _search(
         found.steps.append([state.current for state in found.outputs])
     found.named = [_doubt_beside_bounds(named, found, settings) for named in found.named]
     return found
-
-
-def _carry_likeliest(outputs: Sequence[FittedChannel], verdicts: Verdicts, choices: Sequence[Choice]) -> list[Fitted]:
-    """Return the fits of outputs with the likeliest name of a round, on those that carry it more probably than not."""
-    names = [each for each in verdicts.forms if each not in verdicts.families]
-    name = max(names, key=verdicts.names.__getitem__, default="")
-    if not names:
-        return []
-    carried = zip(outputs, choices, verdicts.forms[name], verdicts.carries[name], strict=True)
-    return [fits.get((name, form), state.current) if its > 0.5 else state.current for state, fits, form, its in carried]
 
 
 def _doubt_beside_bounds(named: Named, found: Search, settings: SearchSettings) -> Named:
