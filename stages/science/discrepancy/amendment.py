@@ -7,7 +7,7 @@ import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.resampling import find_interval, resample
-from stages.science.discrepancy.restoring import name_values
+from stages.science.discrepancy.restoring import group_effects, name_values
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.output_channels.fitting import Model, fit
 from stages.science.output_channels.noise import Noise
@@ -33,13 +33,8 @@ def amend_plant(
     ``muscle type``, and no rows for a machine without muscles.
     """
     constants, added = values[values["effect"] == ""], values[values["effect"] != ""]
-    effects = [
-        (str(effect), str(form), str(carrier), name_values(rows))
-        for (effect, form, carrier), rows in added.groupby(["effect", "form", "muscle"], sort=False)
-    ]
     if isinstance(plant, RecordPlant):
-        added_effects = [(name, form, told) for name, form, _, told in effects]
-        return plant.amend(name_values(constants), added_effects, learned).model_dump()
+        return plant.amend(name_values(constants), group_effects(added), learned).model_dump()
     noise = channels.set_index(["channel", "muscle"])["white"]
     models: dict[str, Any] = {name: model.model_dump() for name, model in plant.muscles.items()}
     for muscle, kind in zip(muscles["muscle"], muscles["type"], strict=True):
@@ -49,7 +44,9 @@ def amend_plant(
             if (channel, muscle) in noise.index:
                 models[muscle][name] = float(noise[channel, muscle])
     entries = [entry.model_dump() for entry in plant.effects if entry.effect.site == "joint"]
-    entries += [{"name": name, "form": form, "muscles": [carrier], **told} for name, form, carrier, told in effects]
+    for carrier, rows in added.groupby("muscle", sort=False):
+        own = group_effects(rows)
+        entries += [{"name": name, "form": form, "muscles": [str(carrier)], **told} for name, form, told in own]
     maps = [each.model_dump() for each in learned]
     return {**plant.model_dump(), "muscles": models, "effects": entries, "learned": maps}
 

@@ -67,11 +67,11 @@ class SearchTables:
         now = steps[(steps["step"] == step) & (steps["muscle"] == output.element)]
         rows = now[now["channel"] == output.channel]
         upstream = now[(now["channel"] != output.channel) & (now["effect"] != "")]
-        output = output.correct(_group(upstream))
+        output = output.correct(group_effects(upstream))
         constants = name_values(rows[rows["effect"] == ""])
         values = [constants[each.name] for each in output.constants]
         forms: list[NamedEffect] = []
-        for effect, form, by_name in _group(rows[rows["effect"] != ""]):
+        for effect, form, by_name in group_effects(rows[rows["effect"] != ""]):
             found = next((each for each in output.forms if (each.name, each.form) == (effect, form)), None)
             if found is None:
                 raise ValueError(f"no effect {effect} of form {form} at this output")
@@ -133,7 +133,7 @@ def restore_states(dataset: Dataset, tables: NominalTables) -> list[FittedChanne
     return states
 
 
-def _group(rows: pd.DataFrame) -> list[tuple[str, str, dict[str, float]]]:
+def group_effects(rows: pd.DataFrame) -> list[tuple[str, str, dict[str, float]]]:
     """Return each effect's name, form and parameters."""
     return [
         (str(effect), str(form), name_values(given))
