@@ -230,14 +230,13 @@ def list_reported(tables: DatasetTables, judged: Sequence[Verified]) -> dict[str
     They are the test trials, those of each record where they are blocks of a few records, whose levels may differ, and
     each part that is only reported.
     """
-    purposes, seen = tables.trial_parts["part"].to_numpy(), sum(each.output.present.sum(axis=0) for each in judged)
+    trials, purposes = tables.measured_trials, tables.trial_parts["part"].to_numpy()
+    seen = sum(each.output.present.sum(axis=0) for each in judged)
     reported = {TEST: np.flatnonzero(purposes == TEST).tolist()}
-    records = tables.measured_trials["record"].where(
-        (purposes == TEST) & (seen > 0) & tables.measured_trials["record"].ne("")
-    )
+    records = trials["record"].where((purposes == TEST) & (seen > 0) & trials["record"].ne(""))
     if 1 < records.nunique() <= MOST_RECORDS:
         reported |= {f"{TEST} {name}": list(rows) for name, rows in records.groupby(records).indices.items()}
-    aside = tables.measured_trials["part"].where((purposes == "other") & (seen > 0))
+    aside = trials["part"].where((purposes == "other") & (seen > 0))
     return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}
 
 

@@ -171,9 +171,8 @@ def tabulate(described: Description) -> dict[str, Any]:
         "inputs": ", ".join(each.name for each in inputs),
         **dict(zip(("share", "low", "high"), share, strict=True)),
         **dict.fromkeys(("range_low", "range_high", "range_part", "range_time"), nan),
-        "hint": "",
         **dict.fromkeys(("hint_share", "hint_low", "hint_high", "drift_first", "drift_last", "drift_share"), nan),
-        **dict.fromkeys(("drift", "drift_unit"), ""),
+        **dict.fromkeys(("hint", "drift", "drift_unit"), ""),
     }
     if inputs:
         rest = described.residual - described.dependence.heldout
