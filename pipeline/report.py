@@ -168,9 +168,11 @@ def _show_failure(ledger: Ledger, status: str) -> list[Block]:
     if not ledger.facts["error"]:
         return []
     traceback = read_traceback(ledger.folder) if status == "failed" else ""
+    kept = any(map(ledger.finished, ledger.records))
+    goes_on = "What was done before is kept; this goes on from there" if kept else "This goes on"
     blocks: list[Block] = [
         ("status", (status, describe_reason(ledger, status))),
-        ("note", "What was done before is kept; this goes on from there, when that is mended:"),
+        ("note", f"{goes_on}, when that is mended:"),
         ("command", ledger.facts["command"]),
     ]
     return [("failure", blocks + show_traceback("traceback", traceback, is_open=True))]

@@ -376,6 +376,7 @@ def test_stage_that_raises(toy, reference):
     page = (run / "report.html").read_text()
     assert "ArithmeticError: cannot double 3" in page
     assert "Traceback (most recent call last):" in page
+    assert "What was done before is kept; this goes on from there, when that is mended:" in page
     plan = re.search(r"<summary>plan.*?</table>", page, re.DOTALL).group()
     rows = re.findall(r"<tr><td>(\w+)</td><td>([\w ]+)</td>", plan)
     assert rows == [("counting", "ran"), ("doubling", "failed"), ("adding", "not reached")]
