@@ -160,8 +160,8 @@ def explain(error: Exception) -> str:
         if path.split(".")[-1] in known:
             return f"{path}: a key that is set in it is not there yet; add it as +{path}.KEY=..."
         grows = "." in path and bool(known) and all(each is None or isinstance(each, str) for each in known.values())
-        added = f"; to add it, type +{path}=..." if grows else ""
-        return _explain_unknown(path, known) + added
+        told = _explain_unknown(path, known)
+        return f"{told}{' To' if told.endswith('?') else '; to'} add it, type +{path}=..." if grows else told
     option = re.search(r"Could not find '([^']+)'[\s\S]*Available options in '[^']+':\s*([\s\S]*?)(?:\n\S|\Z)", text)
     if option:
         group, _, name = option.group(1).rpartition("/")

@@ -31,15 +31,16 @@ from stages.science.recording.assembly import READINGS, Notes, note_missing
 from stages.science.recording.blocks import arrange_records, begins_anew, list_blocks, split_records
 from stages.science.recording.clock import count_time
 from stages.science.recording.column_map import ColumnMap, is_one_trial, join_parts
-from stages.science.recording.columns import RecordingError, check_rows, name_rows
-from stages.science.recording.description import UNTOLD, describe, list_arguments, quote
+from stages.science.recording.columns import RecordingError, check_rows, name_rows, quote
+from stages.science.recording.description import UNTOLD, describe, list_arguments
 from stages.science.recording.files.bags import is_bag
 from stages.science.recording.files.readers import FileError, UnequalColumns, read_columns, read_header, read_samples
 from stages.science.recording.headings import read_heading
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
-from stages.science.recording.plausibility import check_readings, check_signals
+from stages.science.recording.plausibility import check_readings, check_signals, suspect_clock
 from stages.science.recording.sources import SAMPLE_KEY, Measurement, Source, read_executed, read_rig_session, tabulate
 from stages.science.recording.uneven import even_out
+from stages.science.recording.units import choose_unit
 
 SAMPLES, META = "samples.parquet", "meta.json"
 """Files of a measured folder."""
@@ -163,6 +164,8 @@ class Config(Section):
             for name in names:
                 if name not in known:
                     raise ValueError(f"{section}: no column '{name}'; {suggest(name, known)}")
+        for name, unit in self.units.items():
+            choose_unit(name, unit)
         return self
 
     def map(self, muscles: pd.DataFrame) -> ColumnMap:
@@ -239,7 +242,11 @@ def measurement(
 def read_measured(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
     """Return the tables of what a path holds."""
     records = cfg.measurement.kind == "records"
-    return tabulate_records(path, cfg) if records else tabulate_muscles(read_muscles(path, cfg), cfg)
+    tables = tabulate_records(path, cfg) if records else tabulate_muscles(read_muscles(path, cfg), cfg)
+    longest = tables[MEASURED_TRIALS.name].groupby("record")["duration_s"].sum().max()
+    told = suspect_clock(tables[MEASURED_SESSION.name]["sampling_rate_hz"].iloc[0], longest)
+    more = pd.DataFrame([("time_s", each) for each in told], columns=list(MEASURED_NOTES.columns))
+    return {**tables, MEASURED_NOTES.name: pd.concat([tables[MEASURED_NOTES.name], more], ignore_index=True)}
 
 
 def tabulate_muscles(source: Source, cfg: Config) -> dict[str, pd.DataFrame]:

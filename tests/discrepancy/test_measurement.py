@@ -199,7 +199,10 @@ def test_a_clock_that_runs_through_the_session_tells_when_trials_start(tmp_path)
             lambda samples: samples.rename(columns={"pressure_kpa": "pressure_kPa"}),
             "did you mean 'pressure_kPa'?; say which with",
         ),
-        (put("force_n", [5], "n/a"), "column force_n: expected numbers, got 'n/a' in row 5"),
+        (
+            put("force_n", [5], "n/a"),
+            "column force_n: expected numbers, got 'n/a' in row 5; leave empty in the file what",
+        ),
         (put("pressure_kpa", [1, 2, 8, 9], np.inf), "expected finite numbers, got inf in rows 1, 2, 8 and"),
         (put("muscle", [3], "pam9"), "meta.json has no muscle 'pam9' of row 3; it has pam"),
         (put("time_s", [4], np.nan), "column time_s: expected a value in every row, got none in row 4"),
@@ -253,8 +256,13 @@ def test_refuses_meta_in_one_line(tmp_path, meta, told):
 
 
 def test_refuses_columns_and_units_that_are_not_there(tmp_path):
+    told = refusal(tmp_path, make_samples().drop(columns="muscle"))
+    assert told.endswith(
+        "of another machine, set measurement=records: python -m pipeline.columns FILE prints the command"
+    )
     assert "no column 'F', which columns.force_n names" in refusal(tmp_path, None, None, "columns.force_n=F")
-    assert "units.force_n: no unit 'pound'; choose from: N, mN" in refusal(tmp_path, None, None, "units.force_n=pound")
+    with pytest.raises(ConfigError, match=r"units\.force_n: no unit 'pound'; choose from: N, mN"):
+        read(tmp_path, write_dataset(tmp_path / "dataset"), "units.force_n=pound")
     with pytest.raises(ConfigError, match=r"columns: no column 'force'; did you mean 'force_n'\?"):
         read(tmp_path, write_dataset(tmp_path / "dataset"), "+columns.force=F")
 

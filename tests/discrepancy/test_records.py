@@ -1,5 +1,7 @@
 """Records of any machine as they come: units, parts by name, no clock, unequal lengths and rates; against formulas."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -47,19 +49,34 @@ def test_several_files_are_refused_with_how_to_bring_several_records(tmp_path):
 
 
 @pytest.mark.parametrize(
-    ("heading", "name", "unit", "told"),
+    ("heading", "name", "told"),
     [
-        ("z", "force_n", "mm", "units.force_n: no unit 'mm'; choose from: N, mN, daN, kN, lbf, gf, kgf"),
-        ("z", "pos", "mm", "units.pos: no unit 'mm' for a name that ends in no unit; name the signal pos_m"),
-        ("Force (kN)", "force_n", "", "states kN, and force_n is in N; set +units.force_n=kN, or +units.force_n=N if"),
-        ("x_mm", "force_n", "", "states mm, and force_n is in N; name the signal by its length, as NAME_mm, or"),
-        ("x [mm]", "pos", "", "name the signal by its length, as NAME_mm"),
+        ("Force (kN)", "force_n", "states kN, and force_n is in N; set +units.force_n=kN, or +units.force_n=N if"),
+        ("M [mNm]", "m_nm", """set '+units.m_nm="mN m"', or '+units.m_nm="N m"' if the file is wrong"""),
+        ("x_mm", "force_n", "states mm, and force_n is in N; name the signal by its length, as NAME_mm, or"),
+        ("x [mm]", "pos", "name the signal by its length, as NAME_mm"),
     ],
 )
-def test_a_unit_is_one_of_the_signal_s_and_the_one_that_the_file_states(tmp_path, heading, name, unit, told):
-    path = keep(pd.DataFrame({"t": [0.0, 1.0, 2.0], heading: [1.0, 2.0, 3.0]}), tmp_path / "run.parquet")
-    given = [*MAP[:2], f'+columns.{name}="{heading}"', *([f"+units.{name}={unit}"] if unit else [])]
-    assert told in refuse_measured(tmp_path, path, *given)
+def test_a_unit_is_the_one_that_the_file_states(tmp_path, heading, name, told):
+    frame = pd.DataFrame({"t": [0.0, 1.0, 2.0], heading: [1.0, 2.0, 3.0], "Way (cm)": [1.0, 2.0, 4.0]})
+    given = [*MAP[:2], f'+columns.{name}="{heading}"', '+columns.way_m="Way (cm)"']
+    refused = refuse_measured(tmp_path, keep(frame, tmp_path / "run.parquet"), *given)
+    assert told in refused
+    assert "column Way (cm): the file states cm, and way_m is in m; set +units.way_m=cm" in refused
+
+
+@pytest.mark.parametrize(
+    ("name", "unit", "told"),
+    [
+        ("units.time_s", "hr", "units.time_s: no unit 'hr'; choose from: s, ns, us, ms, min, h, d"),
+        ("+units.force_n", "mm", "units.force_n: no unit 'mm'; choose from: N, mN, daN, kN, lbf, gf, kgf"),
+        ("+units.pos", "mm", "units.pos: no unit 'mm' for a name that ends in no unit; name the signal pos_m"),
+    ],
+)
+def test_a_unit_that_is_none_is_refused_before_anything_runs(tmp_path, name, unit, told):
+    path = keep(make_record(), tmp_path / "run.csv")
+    with pytest.raises(ConfigError, match=re.escape(told)):
+        read_measured(tmp_path, path, *MAP, "+columns.pos=x", f"{name}={unit}")
 
 
 def test_a_unit_that_is_given_is_believed_against_the_heading(tmp_path):
@@ -98,6 +115,14 @@ def test_a_stated_rate_that_the_times_contradict_is_refused(tmp_path):
     told = refuse_measured(tmp_path, path, *MAP, "measurement.rate_hz=50")
     assert "expected steps of 0.02 s (50 Hz are stated), got 0.01 s" in told
     assert read_measured(tmp_path, path, *MAP, "measurement.rate_hz=100")["measured_notes"].empty
+
+
+def test_times_that_no_machine_keeps_are_remarked(tmp_path):
+    path = keep(make_record(), tmp_path / "run.csv")
+    notes = read_measured(tmp_path, path, *MAP, "units.time_s=ns")["measured_notes"]
+    ((about, note),) = notes.to_numpy().tolist()
+    assert about == "time_s"
+    assert note == "1e+11 samples in a second, and 2e-09 s in all, are hardly a machine's: see units.time_s"
 
 
 def test_dates_and_times_of_day_are_times(tmp_path):
@@ -180,4 +205,7 @@ def test_a_key_that_lacks_its_plus_is_told_how_to_be_added(pamid, tmp_path):
     result = pamid("workflow=discrepancy", MAP[0], f"measured={path}", "columns.force_n=F", "plan=true")
     assert result.returncode == 2
     told = "unknown key 'columns.force_n': choose from: part, record, time_s; to add it, type +columns.force_n=..."
+    assert told in result.stderr.replace("\n", " ")
+    result = pamid("workflow=discrepancy", MAP[0], f"measured={path}", "columns.recrod=F", "plan=true")
+    told = "unknown key 'columns.recrod': did you mean 'record'? To add it, type +columns.recrod=..."
     assert told in result.stderr.replace("\n", " ")

@@ -233,6 +233,29 @@ def test_what_it_cannot_guess_is_left_to_the_person(look):
     assert arguments(lines)[-4:-1] == untold
 
 
+def test_a_second_signal_without_a_unit_has_its_place_in_the_command(look):
+    time, drive, answer = make_run()
+    lines = look({"t": time, "F": drive, "pos_mm": answer})
+    assert "  which signal answers: plant.output=NAME, of pos_m or what is left out, once it has a name" in lines
+    assert "+columns.NAME_UNIT=F" in arguments(lines)
+
+
+def test_a_word_among_numbers_is_told_with_its_row(look, pamid, tmp_path):
+    time, drive, answer = make_run()
+    rows = [f"{one};{two};{three}".replace(".", ",") for one, two, three in zip(time, drive, answer, strict=True)]
+    rows[7] = rows[7].rpartition(";")[0] + ";broken"
+    path = tmp_path / "x.csv"
+    path.write_text("\n".join(["t;F (N);x (mm)", *rows]))
+    lines = look(path)
+    told = "  in x (mm) 'broken' in row 7 is no number: leave empty in the file what was not read, so"
+    assert any(line.startswith(told) for line in lines)
+    low, high = np.delete(answer, 7).min(), np.delete(answer, 7).max()
+    assert any(re.match(rf"x \(mm\) +numbers +{low:.6g} +{high:.6g} +1 +mm +x_m", line) for line in lines)
+    refused = pamid(*shlex.split(lines[-1])[3:])
+    assert refused.returncode == 2
+    assert "got 'broken' in row 7; leave empty in the file what was not read" in refused.stderr.replace("\n", " ")
+
+
 def test_units_below_a_date_that_has_none_and_a_column_of_labview_are_understood(look, tmp_path):
     rows = "\n".join(f"26.03.2026 14:03:{k:02};{k % 7},5;{k % 5},25" for k in range(60))
     (tmp_path / "a.csv").write_text(f"Datum/Uhrzeit;Druck;Winkel\n;mbar;\u00b0\n{rows}\n")
@@ -263,12 +286,21 @@ def test_a_unit_with_a_slash_is_read_whole_or_asked_for(look):
         ("sec", np.arange(20.0), "columns.time_s=sec"),
         ("zeit_s", np.arange(20.0), "columns.time_s=zeit_s"),
         ("msec", np.arange(20.0), "units.time_s=ms"),
+        ("hours", np.arange(20.0), "units.time_s=h"),
+        ("h", np.tile(np.arange(10.0), 2), "columns.time_s=h"),
     ],
 )
 def test_time_is_found_by_dates_and_by_its_usual_names(look, name, times, told):
     lines = look({"F [N]": 1.0 * np.arange(20), "Date": "05.05.2026", name: times})
     assert told in arguments(lines)
     assert any(line.startswith("time: even steps") for line in lines)
+
+
+@pytest.mark.parametrize("names", [("T_degC", "h"), ("T [K]", "h"), ("h", "t")])
+def test_what_its_unit_or_its_values_show_to_be_no_time_is_none(look, names):
+    time, drive, _ = make_run()
+    told = arguments(look({names[0]: 20.0 + drive, "P_kW": drive, names[1]: time}))
+    assert f"columns.time_s={names[1]}" in told
 
 
 @pytest.mark.parametrize("name", ["Lauf", "Nr", "Versuch", "rec", "serie"])

@@ -19,6 +19,8 @@ DAYS = (20000.0, 80000.0)
 """Numbers that are days of a spreadsheet, which counts from the end of 1899: of the years 1954 to 2119."""
 QUICK = 2e-5
 """Step of such numbers below which they are no seconds: more than 50,000 samples in one."""
+MOST_EVEN = 0.8
+"""Share of even steps from which numbers go on as times do."""
 SAME_RATE = 0.01
 """Relative difference of two rates that are the same."""
 
@@ -41,6 +43,13 @@ def are_days(time: Array, dated: bool) -> bool:
     steps = np.diff(time)
     within = len(steps) > 0 and DAYS[0] <= time.min() and time.max() <= DAYS[1]
     return bool(within and (dated or 0.0 < np.median(steps) < QUICK))
+
+
+def goes_on(time: Array) -> bool:
+    """Return whether numbers grow by even steps, but for few, as times do, which may begin anew."""
+    steps = np.diff(time)
+    usual = float(np.median(steps)) if len(steps) else 0.0
+    return usual > 0.0 and float((np.abs(steps / usual - 1.0) < 0.5).mean()) > MOST_EVEN
 
 
 def find_rate(frame: pd.DataFrame, stream: Sequence[str], stated_hz: float | None) -> float:

@@ -4,6 +4,8 @@ A frame as it was read flows in, with the map of columns and units; a frame of t
 index counts the rows of the file. Every refusal names the column and the rows, counted from 0.
 """
 
+import re
+import shlex
 from collections.abc import Mapping, Sequence
 from difflib import get_close_matches
 
@@ -20,6 +22,12 @@ FEWEST_VALUES = 10
 """Different readings beside a mark, from which it is seen how far it is from all of them."""
 TIME = "time_s"
 COUNTED = ", or set measurement.rate_hz (Hz) where no column is time"
+ANOTHER = "; of another machine, set measurement=records: python -m pipeline.columns FILE prints the command"
+ELSE = {TIME: COUNTED, "trial": ANOTHER, "muscle": ANOTHER}
+"""What may be meant where a column is not there."""
+LEAVE_EMPTY = "leave empty in the file what was not read"
+MOST_WORDS = 0.1
+"""Share of values that are no numbers up to which a column is one of numbers."""
 
 
 class RecordingError(ValueError):
@@ -31,6 +39,19 @@ def name_rows(wrong: pd.Series) -> str:
     rows = list(dict.fromkeys(str(index) for index in wrong.index[wrong.to_numpy(dtype=bool)]))
     more = f" and {len(rows) - SHOWN_ROWS} more" if len(rows) > SHOWN_ROWS else ""
     return f"row{'s' * (len(rows) > 1)} {', '.join(rows[:SHOWN_ROWS])}{more}"
+
+
+def quote(value: str) -> str:
+    """Return a text as the value of an override that stays a text."""
+    plain = re.fullmatch(r"[A-Za-z_/][\w./-]*", value, re.ASCII)
+    if plain and value.lower() not in ("null", "true", "false", "nan", "inf"):
+        return value
+    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
+
+
+def assign(key: str, value: str) -> str:
+    """Return an override as it is typed, whose value stays a text."""
+    return shlex.quote(f"{key}={quote(value)}")
 
 
 def adopt(
@@ -57,7 +78,7 @@ def adopt(
         elif columns[name] is not None:
             raise RecordingError(f"no column '{source}', which columns.{name} names; {_offer(source, there)}")
         elif name in needed:
-            remedy = f"say which with columns.{name}=NAME{COUNTED if name == TIME else ''}"
+            remedy = f"say which with columns.{name}=NAME{ELSE.get(name, '')}"
             raise RecordingError(f"no column {name}; {_offer(name, there)}; {remedy}")
     for name in names:
         source = columns.get(name) or name
@@ -109,20 +130,27 @@ def _convert(values: pd.Series, name: str, units: Mapping[str, str | None]) -> p
         raise RecordingError(f"column {values.name}: {error}") from None
     if passed is not None:
         return passed
-    numbers = values if values.dtype.kind in "fiu" else pd.to_numeric(values, errors="coerce")
-    wrong = values.notna() & (numbers.isna() | (values.dtype.kind in "mM"))
+    numbers, wrong = find_words(values)
     if wrong.any():
         first = values[wrong].iloc[0]
         expected = "numbers or dates, as 2026-06-05 10:00:00," if name == TIME else "numbers,"
-        raise RecordingError(f"column {values.name}: expected {expected} got {str(first)[:40]!r} in {name_rows(wrong)}")
+        told = f"expected {expected} got {str(first)[:40]!r} in {name_rows(wrong)}"
+        told += f"; {LEAVE_EMPTY}" if name != TIME and wrong.mean() <= MOST_WORDS else ""
+        raise RecordingError(f"column {values.name}: {told}")
     numbers = numbers.astype(float)
     infinite = numbers.abs() == np.inf
     if infinite.any():
         raise RecordingError(f"column {values.name}: expected finite numbers, got inf in {name_rows(infinite)}")
     told = find_mark(numbers)
     if told:
-        raise RecordingError(f"column {values.name}: {told}; leave empty what was not read")
+        raise RecordingError(f"column {values.name}: {told}; {LEAVE_EMPTY}")
     return convert(numbers, name, unit)
+
+
+def find_words(values: pd.Series) -> tuple[pd.Series, pd.Series]:
+    """Return a column as numbers, missing where it holds something else, and where that is so."""
+    numbers = values if values.dtype.kind in "fiu" else pd.to_numeric(values, errors="coerce")
+    return numbers, values.notna() & (numbers.isna() | (values.dtype.kind in "mM"))
 
 
 def find_mark(values: pd.Series, least: int = 2) -> str:

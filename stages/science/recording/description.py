@@ -11,8 +11,19 @@ import numpy as np
 import pandas as pd
 
 from stages.science.recording.blocks import begins_anew, split_records
-from stages.science.recording.clock import are_days, find_epoch_unit, find_rate
-from stages.science.recording.columns import TIME, RecordingError, adopt, find_mark
+from stages.science.recording.clock import are_days, find_epoch_unit, find_rate, goes_on
+from stages.science.recording.columns import (
+    LEAVE_EMPTY,
+    MOST_WORDS,
+    TIME,
+    RecordingError,
+    adopt,
+    assign,
+    find_mark,
+    find_words,
+    name_rows,
+    quote,
+)
 from stages.science.recording.dates import is_dates
 from stages.science.recording.files.delimited import Header
 from stages.science.recording.guessing import Guess, Key, choose_machine, guess_map, pair_parts
@@ -49,6 +60,15 @@ def describe(
     rows = sorted({len(values) for values in columns.values()})
     if not rows or rows[-1] == 0:
         raise RecordingError("; ".join(["expected columns with values, got none", *header.remarks]))
+    unknown = []
+    for name, values in columns.items():
+        numbers, wrong = find_words(values)
+        told = find_mark(values, least=1) if _is_number(values) else ""
+        if 0.0 < wrong.mean() <= MOST_WORDS:
+            told = f"{str(values[wrong].iloc[0])[:40]!r} in {name_rows(wrong)} is no number"
+            columns = {**columns, name: numbers}
+        if told:
+            unknown.append(f"in {name} {told}: {LEAVE_EMPTY}, so that it counts as missing")
     if not any(_is_number(values) and values.notna().sum() > 1 for values in columns.values()):
         raise RecordingError(f"expected a column of two numbers or more, got none in {', '.join(columns)}")
     guess = _guess_columns(columns, header.units, header.single)
@@ -60,11 +80,6 @@ def describe(
         *(f"  {name} = {value:g}, a single number" for name, value in header.single.items()),
         *("", *_describe_columns(columns, header.units, guess)),
         *("", *_describe_clock(columns, guess, largest_jitter)),
-    ]
-    unknown = [
-        f"in {name} {told}: leave empty in the file what was not read, so that it counts as missing"
-        for name, values in columns.items()
-        if _is_number(values) and (told := find_mark(values, least=1))
     ]
     unknown += _describe_unknown(guess, machines)
     return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
@@ -94,7 +109,9 @@ def _guess_columns(columns: Mapping[str, pd.Series], units: Mapping[str, str], s
     filled = {name: values for name, values in columns.items() if values.notna().any()}
     numbers = [name for name, values in filled.items() if _is_number(values) or name in dates]
     texts = [name for name in filled if name not in numbers]
-    guess = guess_map(numbers, texts, units, single, sorted(dates, key=lambda each: -columns[each].nunique()))
+    dates.sort(key=lambda each: -columns[each].nunique())
+    steady = [name for name, values in numeric.items() if goes_on(values)]
+    guess = guess_map(numbers, texts, units, single, dates, steady)
     epoch = find_epoch_unit(numeric.get(guess.columns.get(TIME, ""), np.zeros(1)))
     if TIME in guess.columns and TIME not in guess.units:
         heading = guess.columns[TIME]
@@ -155,6 +172,8 @@ def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
     """Return the arguments that give a map to the command line; names that no default has are added to it."""
     signals = () if guess.muscles else guess.signals  # which none is, of records, that is not named
     own = {name: column for name, column in guess.columns.items() if name != column or name in signals}
+    if len(signals) == 1 and len(guess.left) == 1:  # a machine has two
+        own[f"{UNTOLD}_UNIT"] = guess.left[0]
     arguments = [
         f"{'' if name in defaults else '+'}{section}.{name}={quote(value)}"
         for section, entries in (("columns", own), ("units", guess.units))
@@ -174,14 +193,6 @@ def list_arguments(guess: Guess, defaults: Sequence[str]) -> list[str]:
         kind, named = guess.machine or (SIMPLEST, roles)
         arguments += [f"plant={kind}", *(_name_signals(key, names or ["null"]) for key, names in named.items())]
     return arguments
-
-
-def quote(value: str) -> str:
-    """Return a text as the value of an override that stays a text."""
-    plain = re.fullmatch(r"[A-Za-z_/][\w./-]*", value, re.ASCII)
-    if plain and value.lower() not in ("null", "true", "false", "nan", "inf"):
-        return value
-    return '"' + value.replace("\\", "\\\\").replace('"', '\\"') + '"'
 
 
 def _name_signals(key: str, names: Sequence[str]) -> str:
@@ -206,13 +217,14 @@ def _describe_unknown(guess: Guess, machines: Mapping[str, Mapping[str, Key]]) -
         lines.append(f"the unit of {some}, left out: +columns.NAME_UNIT=COLUMN takes one, as in +columns.force_n=F")
     stems = [found.group(1) for each in reversed(guess.left) if (found := OF_ONE.match(each))]
     if stems:
-        pattern = quote(f"{max(stems, key=stems.count)}[{{muscle}}]")
-        lines.append(f"which columns are of muscles: columns.force_n={pattern} takes one of each, as muscles")
+        pattern = assign("columns.force_n", f"{max(stems, key=stems.count)}[{{muscle}}]")
+        lines.append(f"which columns are of muscles: {pattern} takes one of each, as muscles")
     for name in guess.assumed:
         lines.append(f"the unit of {guess.columns[name]}: {own_unit(name)} is assumed; end {name} in the right one")
     for does, key, signal in (("drives the machine", "input", guess.input), ("answers", "output", guess.output)):
         if signal is None and (len(guess.signals) > 1 or (guess.signals and guess.left)) and guess.machine is None:
-            lines.append(f"which signal {does}: plant.{key}=NAME, of {', '.join(guess.signals)}")
+            more = " or what is left out, once it has a name" if len(guess.signals) == 1 else ""
+            lines.append(f"which signal {does}: plant.{key}=NAME, of {', '.join(guess.signals)}{more}")
     chosen = guess.machine[0] if guess.machine else SIMPLEST
     others = [
         _describe_machine(guess, kind, keys)

@@ -132,11 +132,12 @@ def guess_map(
     units: Mapping[str, str],
     single: Mapping[str, float],
     dates: Sequence[str] = (),
+    steady: Sequence[str] = (),
 ) -> Guess:
     """Return the map that the headings of columns of numbers and of text make plain.
 
     Units are those from a row of their own, `single` the numbers that stand alone, and `dates` those of the numbers
-    that are dates or times of day, the likeliest for time first.
+    that are dates or times of day, the likeliest for time first. The `steady` ones go on by even steps.
     """
     guess = Guess()
     everything = [*numbers, *texts]
@@ -147,9 +148,11 @@ def guess_map(
         numbers = [each for each in numbers if not each.endswith((first, second))] + parts
         units = {**units, **{each.removesuffix(first): told for each, told in units.items()}}
     plain = {each: _plain(_read(each, units).name) for each in [*numbers, *texts]}
-    named = [each for each in everything if TIMES.fullmatch(plain.get(each, ""))]
+    named = [each for each in everything if TIMES.fullmatch(plain.get(each, "")) and each not in dates]
+    named = [each for each in named if _kind(each, units) in (None, "time")]  # T in degC is none
+    named += [each for each in steady if read_unit(plain.get(each, "")) in KINDS["time"]]  # as hours
     clocks = [each for each in numbers if _kind(each, units) == "time"]
-    _take_first(guess, "time_s", [*(each for each in named if each not in dates), *dates, *clocks], units)
+    _take_first(guess, "time_s", [*named, *dates, *clocks], units)
     if "time_s" not in guess.columns:
         steps = [1.0 / value for name, value in single.items() if _plain(name) in STEPS and value > 0.0]
         rates = [value for name, value in single.items() if _plain(name) in RATES and value > 0.0]

@@ -7,7 +7,7 @@ import re
 from collections.abc import Mapping
 from typing import NamedTuple
 
-from stages.science.recording.columns import RecordingError
+from stages.science.recording.columns import RecordingError, assign
 from stages.science.recording.units import (
     ENDS,
     OTHER_SPELLINGS,
@@ -92,11 +92,12 @@ def _is_compound(name: str, unit: str, gap: str) -> bool:
 def check_headings(
     columns: Mapping[str, str | None], units: Mapping[str, str | None], told: Mapping[str, str], present: set[str]
 ) -> None:
-    """Refuse a column whose heading states another unit than the one in which it would be read.
+    """Refuse columns whose headings state other units than those in which they would be read.
 
     Columns and units are those of `adopt`, and a unit that is given is believed; `told` has the units from a row of
-    their own, by column of the file. A `RecordingError` names the unit to set.
+    their own, by column of the file. A `RecordingError` names the units to set.
     """
+    wrong = []
     for name, column in columns.items():
         source = column or name
         if source not in present or units.get(name) is not None or name in LABELS:
@@ -110,10 +111,12 @@ def check_headings(
             continue
         key = f"{'' if name in units else '+'}units.{name}"
         try:
-            remedy = f"set {key}={choose_unit(name, heading.unit)}"
+            remedy = f"set {assign(key, choose_unit(name, heading.unit))}"
         except ValueError:
             remedy = f"name the signal by its {UNIT_KINDS[heading.unit]}, as NAME_{end_of(heading.unit)}"
-        raise RecordingError(
-            f"column {source}: the file states {heading.unit}, and {name} is in {own}; {remedy}, or {key}={own} if "
-            "the file is wrong"
+        wrong.append(
+            f"column {source}: the file states {heading.unit}, and {name} is in {own}; {remedy}, or "
+            f"{assign(key, own)} if the file is wrong"
         )
+    if wrong:
+        raise RecordingError("; ".join(wrong))

@@ -25,6 +25,8 @@ FEWEST, CLEAR = 100, 0.1
 """Samples by which a muscle is judged; change of force with contraction, over its deviation, that counts."""
 MOST_PULL = 25.0
 """Force over pressure times area: 3/tan^2 - 1/sin^2 of an angle of 17 degrees is 23."""
+MOST_HZ, SHORTEST_S = 5e6, 1e-3
+"""Samples in a second and length of a recording beyond which its times are more likely in another unit."""
 FEW = 0.1
 """Share of the rows below which those out of range are faults, not another unit."""
 
@@ -79,6 +81,12 @@ def check_signals(samples: pd.DataFrame, names: Iterable[str], stated: Mapping[s
                 f"column {name}: expected its largest value between {low:g} and {high:g} {own}, got {top:.3g}, and no "
                 f"unit is stated; set +units.{name}={other}, or +units.{name}={own} if it is right"
             )
+
+
+def suspect_clock(rate_hz: float, longest_s: float) -> list[str]:
+    """Return a sentence with what to look at, if hardly any recording of a machine is as quick or as short."""
+    told = f"{rate_hz:.3g} samples in a second, and {longest_s:.3g} s in all, are hardly a machine's: see units.time_s"
+    return [told] if rate_hz > MOST_HZ or longest_s < SHORTEST_S else []
 
 
 def suspect_muscles(samples: pd.DataFrame, muscles: pd.DataFrame) -> list[str]:

@@ -46,7 +46,7 @@ ODD = ("comments", "no row of numbers", "lacks its last values", "of another tab
 HEADS = 3
 """Rows above the values that may head the columns: names, units, and what was done to them."""
 REMARKED = "comment"
-"""Last name of a table whose rows end before it where there is nothing to remark."""
+"""Last name of a table whose rows end before it where there is nothing to remark; its head may end in a separator."""
 APART = "'\u2019 \u00a0\u2009\u202f"
 """What sets thousands apart, beside the decimal sign of others."""
 NUMBER = r"[-+]?(?:\d+\.?\d*|\.\d+)(?:[eE][-+]?\d+)?"
@@ -313,12 +313,15 @@ def _find_rows(columns: Sequence[_Column]) -> NDArray[np.int_]:
 
 
 def _settle(column: _Column, fields: pd.Series) -> pd.Series:
-    """Return a column's values: numbers if all of them are, else text, either way with what is missing."""
+    """Return a column's values: numbers if all of them are, else text with decimal points; with what is missing."""
     own, missing = fields.reset_index(drop=True), column.missing
     if column.is_number.any() and (column.is_number | missing).all():
         numbers = pd.Series(column.numbers)
         whole = not missing.any() and not own.str.contains(r"[.,eE]", regex=True).any()
         return numbers.astype(np.int64) if whole and (np.abs(numbers) < 2**62).all() else numbers.astype(float)
+    if column.decimal == ",":
+        plain = own.str.replace(".", "", regex=False).str.replace(",", ".", regex=False)
+        own = own.where(~column.is_number, plain)
     return own.where(~missing, None).astype(object) if not missing.all() else pd.Series(np.full(len(own), np.nan))
 
 
@@ -362,7 +365,7 @@ def _split_head(line: str, separator: str, width: int, ended: bool) -> list[str]
         row = re.split(r"\s{2,}|\t", line.strip())
     if ended and len(row) == width - 1:
         row = [*row, ""]
-    if len(row) == width + 1 and row[-1].lower() == REMARKED:
+    if len(row) == width + 1 and row[-1].lower() in ("", REMARKED):
         del row[-1]
     return row if len(row) == width else None
 

@@ -130,10 +130,11 @@ X_Value|Drive|Speed|Comment
 """.replace("|", "\t")
 
 
+@pytest.mark.parametrize("ended", ["\t", ""])
 @pytest.mark.parametrize(("told", "times"), [("No", [""] * 40), ("One", [f"{0.01 * k:.2f}" for k in range(40)])])
-def test_a_file_of_labview_tells_step_and_units_above_the_names(tmp_path, told, times):
+def test_a_file_of_labview_tells_step_and_units_above_the_names(tmp_path, told, times, ended):
     path = tmp_path / "run.lvm"
-    rows = "\n".join(f"{time}\t{k}.5\t-{k}.25\t" for k, time in enumerate(times))
+    rows = "\n".join(f"{time}\t{k}.5\t-{k}.25{ended}" for k, time in enumerate(times))
     path.write_text(LABVIEW.format(told=told, rows=rows))
     header, frame = read_header(path), read_samples(path)
     assert header.single["Delta_X"] == 0.01
