@@ -14,6 +14,8 @@ from stages.science.recording.dates import is_dates, read_dates
 
 FIELD = re.compile(r"\.[A-Za-z].*")
 """Field behind the name of an array of structs; a number there counts repeated column names instead."""
+PAUSE = 10.0
+"""Usual steps of time from which one is a pause between records."""
 FEWEST_ROWS = 2.0
 """Smallest mean number of rows per record; a column whose values change more often counts rows."""
 
@@ -21,8 +23,8 @@ FEWEST_ROWS = 2.0
 def list_labels(columns: Mapping[str, pd.Series], time: str | None) -> list[str]:
     """Return the columns that label records by their values.
 
-    They are numbers or text, each of them in rows that follow each other, and change wherever time goes back; those
-    that are not whole change nowhere else.
+    They are numbers or text, each of them in rows that follow each other, and change wherever time goes back
+    or, if it never does, goes on behind a pause; those that are not whole change nowhere else.
     The number of an array of structs, which has the array's name, is one whatever time does.
     """
     arrays = [name for name in columns if any(FIELD.fullmatch(each.removeprefix(name)) for each in columns)]
@@ -59,9 +61,13 @@ def _find_changes(values: pd.Series) -> set[int]:
 
 
 def _find_restarts(time: pd.Series) -> set[int]:
-    """Return the rows in which time is less than in the one before."""
+    """Return the rows in which time is less than in the one before; if it never is, those behind a pause."""
     try:
         passed = time if time.dtype.kind in "fiu" else read_dates(time)
     except ValueError:
         passed = None
-    return set() if passed is None else set(np.flatnonzero((passed.diff() < 0.0).to_numpy()).tolist())
+    if passed is None:
+        return set()
+    steps = passed.diff()
+    begins = steps < 0.0 if (steps < 0.0).any() else steps > PAUSE * steps.median()
+    return set(np.flatnonzero(begins.to_numpy()).tolist())

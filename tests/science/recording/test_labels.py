@@ -28,8 +28,9 @@ PART = np.repeat(np.arange(RECORDS), ROWS)
     ids=["whole", "whole_as_float", "text", "fraction", "rests", "signal", "row", "again", "too_few", "gap"],
 )
 def test_what_stays_and_changes_with_time_is_a_label(values, labels):
-    found = list_labels({"t": TIME, "column": pd.Series(values)}, "t")
-    assert found == (["column"] if labels else [])
+    for time in (TIME, np.arange(ROWS * RECORDS) * 0.1 + 60.0 * PART):  # a clock that runs on, with pauses
+        found = list_labels({"t": pd.Series(time), "column": pd.Series(values)}, "t")
+        assert found == (["column"] if labels else [])
 
 
 def test_without_a_time_that_begins_anew_nothing_is_a_label():
