@@ -314,6 +314,14 @@ def test_what_changes_where_time_begins_anew_tells_records_apart(look, name, val
     assert any("the unit of gear, Zeile, left out" in line for line in lines)
 
 
+def test_labels_of_which_few_are_no_numbers_stay_labels(look):
+    time, drive, answer = make_run(300)
+    runs = np.repeat([*map(str, range(19)), "18b"], 15)
+    lines = look({"t": np.tile(time[:15], 20), "F_N": drive, "x_mm": answer, "run": runs})
+    assert "columns.record=run" in arguments(lines)
+    assert "records: 20, of 15 rows" in lines
+
+
 def test_a_row_number_a_repeated_name_and_parts_whose_time_begins_anew_are_no_records(look, tmp_path):
     time, drive, _ = make_run(60)
     (tmp_path / "again.csv").write_text("t,F,F\n" + "".join(f"{k},1,{k % 7}\n" for k in range(40)))

@@ -64,7 +64,7 @@ def describe(
     for name, values in columns.items():
         numbers, wrong = find_words(values)
         told = find_mark(values, least=1) if _is_number(values) else ""
-        if 0.0 < wrong.mean() <= MOST_WORDS:
+        if 0.0 < wrong.mean() <= MOST_WORDS and not stays(values):  # labels may be numbers but for some
             told = f"{str(values[wrong].iloc[0])[:40]!r} in {name_rows(wrong)} is no number"
             columns = {**columns, name: numbers}
         if told:
