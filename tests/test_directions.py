@@ -14,7 +14,7 @@ ROOT = Path(__file__).resolve().parent.parent
 SCIENCE = "stages.science"
 ROOMS = {
     "compilation": set(),
-    "figures": set(),
+    "figures": {"recording"},
     "gp": set(),
     "signals": set(),
     "statistics": set(),

@@ -22,7 +22,6 @@ from stages.science.discrepancy.parts import PURPOSES
 from stages.science.discrepancy.resampling import resample
 from stages.science.discrepancy.restoring import SearchTables, read_maps
 from stages.science.discrepancy.settings import DiscrepancySettings
-from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.signature import trace_effects
 from stages.science.discrepancy.verdict import (
     describe_effects,
@@ -39,6 +38,7 @@ from stages.science.plant.effect import find_effect
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.machine import Machine
 from stages.science.recording.plausibility import suspect_muscles
+from stages.science.recording.signal_names import name_signal
 from stages.science.statistics.sign_flips import fewest_trials
 
 MOST_RECORDS = 12

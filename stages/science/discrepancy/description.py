@@ -17,13 +17,13 @@ from stages.science.discrepancy.resampling import find_interval, resample
 from stages.science.discrepancy.residuals import LEAST_SHARE, LOOP_BINS, average_in_bins, equal_edges
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.discrepancy.settings import DescriptionSettings, DiscrepancySettings
-from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.symbolic_regression import Sketch, sketch_residual
 from stages.science.output_channels.features import list_inputs
 from stages.science.output_channels.fitting import Fit, fit
 from stages.science.output_channels.flexible import Drift, find_drift, find_floor
 from stages.science.output_channels.output_channel import Divide, Driver, OutputChannel, compute_here
 from stages.science.plant.learned_map import LearnedMap
+from stages.science.recording.signal_names import name_signal
 from stages.science.signals.trajectories import Array
 
 MOST = 0.5
@@ -199,8 +199,8 @@ def average_dependence(described: Sequence[Description]) -> pd.DataFrame:
     frames = []
     for each in [each for each in described if each.is_confirmed]:
         output, found = each.output, each.dependence
-        edges, (words, unit) = equal_edges(found.along[output.present], LOOP_BINS), name_signal(found.inputs[0].name)
-        centres, variable = 0.5 * (edges[1:] + edges[:-1]), f"{words} ({unit})" if unit else words
+        first, edges = found.inputs[0], equal_edges(found.along[output.present], LOOP_BINS)
+        centres, variable = 0.5 * first.factor * (edges[1:] + edges[:-1]), first.label
         for half, mask in found.split(output.present).items():
             mean, error, count = average_in_bins(found.along, each.residual, mask, edges)
             said, deviation = (average_in_bins(found.along, v, mask, edges)[0] for v in (found.mean, found.deviation))

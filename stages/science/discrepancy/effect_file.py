@@ -6,11 +6,11 @@ Descriptions of what is left flow in; the text of a Python file flows out, or wh
 from collections.abc import Sequence
 
 from stages.science.discrepancy.description import Description
-from stages.science.discrepancy.signal_names import name_signal
 from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.learned_map import SESSION_TIME, TIME
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
+from stages.science.recording.signal_names import name_signal
 from stages.science.signals.histories import CHANGE, DISTANCE, RECENT
 
 DIGITS, WIDEST = 8, 120

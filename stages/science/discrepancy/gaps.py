@@ -11,8 +11,8 @@ from numpy.typing import NDArray
 
 from stages.science.discrepancy.fitted_channel import FittedChannel
 from stages.science.discrepancy.settings import RegimeSettings
-from stages.science.discrepancy.signal_names import name_signal
 from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.recording.signal_names import name_signal
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, least_p
 

@@ -19,12 +19,12 @@ from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel
 from stages.science.discrepancy.naming import extend
 from stages.science.discrepancy.ranking import UNKNOWN
 from stages.science.discrepancy.screening import screen
-from stages.science.discrepancy.signal_names import name_signal
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.fitting import Model
 from stages.science.output_channels.output_channel import OutputChannel
 from stages.science.output_channels.trial_noise import find_directions
 from stages.science.plant.declaration import Declared
+from stages.science.recording.signal_names import name_signal
 from stages.science.signals.trajectories import Array
 
 DIGITS = 3

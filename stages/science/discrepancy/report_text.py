@@ -10,7 +10,6 @@ from stages.science.discrepancy.dataset import Dataset
 from stages.science.discrepancy.evidence import MEMORY, STATIC_MAP
 from stages.science.discrepancy.proposal import Proposed
 from stages.science.discrepancy.settings import DiscrepancySettings, ReportSettings
-from stages.science.discrepancy.signal_names import name_signal
 from stages.science.output_channels.features import share_outside
 from stages.science.output_channels.flexible import SESSION_CHANGE
 from stages.science.output_channels.muscle_channels import QUANTISATION
@@ -19,6 +18,7 @@ from stages.science.plant.effect import Parameter, find_effect
 from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
+from stages.science.recording.signal_names import name_signal
 
 FAMILIES = {
     SESSION_CHANGE: "a drift of the model's values along the session",

@@ -22,19 +22,21 @@ LEAST_SHARE = 0.002
 def average_plane(states: Sequence[FittedChannel]) -> pd.DataFrame:
     """Return the mean residual over two signals, over the noise floor.
 
-    Columns are ``channel muscle across along x y over_floor``: the signals' names and the bins' centres.
+    Columns are ``channel muscle along x_label y_label x y over_floor``: the second signal's name, what axes say, and
+    the bins' centres.
     """
     frames = []
     for state in states:
-        output, present, (across, along) = state.output, state.output.present, state.output.plane
-        signals, rates = output.list_signals(), {each.name for each in output.drivers() if each.own and each.rate}
-        x, y = signals[across][present], signals[along][present]
-        edges = [equal_edges(x, PLANE_BINS), _compressed_edges(y) if along in rates else equal_edges(y, PLANE_BINS)]
+        output, present, own = state.output, state.output.present, state.output.list_own()
+        across, along = (own[name] for name in output.plane)
+        x, y = across.shown[present], along.shown[present]
+        edges = [equal_edges(x, PLANE_BINS), _compressed_edges(y) if along.rate else equal_edges(y, PLANE_BINS)]
         counts = np.histogram2d(x, y, bins=edges)[0]
         sums = np.histogram2d(x, y, bins=edges, weights=state.nominal.fit.residual[present])[0]
         column, row = np.nonzero(counts >= max(LEAST_SHARE * 0.1 * x.size, 3.0))
         centres = [0.5 * (each[1:] + each[:-1]) for each in edges]
-        told: dict[str, Any] = {"channel": output.channel, "muscle": output.element, "across": across, "along": along}
+        told: dict[str, Any] = {"channel": output.channel, "muscle": output.element, "along": along.name}
+        told |= {"x_label": across.label, "y_label": along.label}
         told |= {"x": centres[0][column], "y": centres[1][row]}
         frames.append(pd.DataFrame({**told, "over_floor": sums[column, row] / counts[column, row] / state.floor}))
     return pd.concat(frames, ignore_index=True)
@@ -43,14 +45,16 @@ def average_plane(states: Sequence[FittedChannel]) -> pd.DataFrame:
 def average_loops(states: Sequence[FittedChannel]) -> pd.DataFrame:
     """Return the mean residual along a signal, apart for the two directions of motion.
 
-    Columns are ``direction x mean error channel muscle unit variable``, with the standard error over trials.
+    Columns are ``direction x mean error channel muscle unit rate x_label``: the standard error over trials, the signal
+    that tells the direction, and what an axis of the other one says.
     """
     frames = []
     for state in states:
-        output, signals = state.output, state.output.list_signals()
-        variable, rate = output.loop
-        rows = average_by_direction(signals[variable], signals[rate], state.nominal.fit.residual, output)
-        told = {"channel": output.channel, "muscle": output.element, "unit": output.unit, "variable": variable}
+        output, own = state.output, state.output.list_own()
+        variable, rate = (own[name] for name in output.loop)
+        rows = average_by_direction(variable.shown, rate.shown, state.nominal.fit.residual, output)
+        told = {"channel": output.channel, "muscle": output.element, "unit": output.unit}
+        told |= {"rate": rate.name, "x_label": variable.label}
         frames.append(rows.assign(**told))
     return pd.concat(frames, ignore_index=True)
 

@@ -13,14 +13,17 @@ from stages.science.discrepancy.residuals import LOOP_BINS, average_by_direction
 from stages.science.discrepancy.restoring import SearchTables
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.output_channels.output_channel import OutputChannel
+from stages.science.plant.learned_map import SESSION_TIME, TIME
+from stages.science.recording.signal_names import label, name_signal, per_second
 from stages.science.signals.trajectories import Array
 
 
 def trace_effects(dataset: Dataset, found: SearchTables) -> pd.DataFrame:
     """Return each added effect's share of the signal and the residual without it, averaged in the same bins.
 
-    Columns are ``effect form channel muscle unit variable direction x measured error added``, over the test trials:
-    mean residual of the amended model without the effect, its standard error over trials, what the effect adds.
+    Columns are ``effect form channel muscle unit rate x_label direction x measured error added``, over the test trials:
+    the signal that tells the direction, what an axis of the other one says, mean residual of the amended model without
+    the effect, its standard error over trials, what the effect adds.
     """
     frames = []
     effects = found.steps[(found.steps["step"] == found.last_step) & ~found.steps["effect"].isin(["", QUANTISATION])]
@@ -31,11 +34,11 @@ def trace_effects(dataset: Dataset, found: SearchTables) -> pd.DataFrame:
         shares = {variable: sum(_explain(each, variable) for each in traced) for variable in traced[0].variables}
         variable = max(shares, key=shares.__getitem__)
         for each in traced:
-            along, output = each.variables[variable], each.output
-            seen = average_by_direction(*along, each.without, output).rename(columns={"mean": "measured"})
-            model = average_by_direction(*along, each.added, output)
-            told: dict[str, Any] = {"effect": name, "form": each.form, "channel": channel, "variable": variable}
-            told |= {"muscle": output.element, "unit": output.unit}
+            (along, rate, words), output = each.variables[variable], each.output
+            seen = average_by_direction(along, rate, each.without, output).rename(columns={"mean": "measured"})
+            model = average_by_direction(along, rate, each.added, output)
+            told: dict[str, Any] = {"effect": name, "form": each.form, "channel": channel, "x_label": words}
+            told |= {"muscle": output.element, "unit": output.unit, "rate": output.loop[1]}
             frames.append(seen.assign(added=model["mean"].to_numpy(), **told))
     frames = [each for each in frames if len(each)] or frames
     return pd.concat(frames, ignore_index=True) if frames else pd.DataFrame(columns=["effect"])
@@ -44,14 +47,14 @@ def trace_effects(dataset: Dataset, found: SearchTables) -> pd.DataFrame:
 class _Traced(NamedTuple):
     """One output: the residual without an effect, what the effect adds, and signals in which it may show.
 
-    Each signal has the rate that gives its direction, or none.
+    Each signal has the rate that gives its direction, or none, and what an axis of it says.
     """
 
     output: OutputChannel
     form: str
     without: Array
     added: Array
-    variables: dict[str, tuple[Array, Array | None]]
+    variables: dict[str, tuple[Array, Array | None, str]]
 
 
 def _trace(output: OutputChannel, found: SearchTables, name: str) -> _Traced:
@@ -61,19 +64,22 @@ def _trace(output: OutputChannel, found: SearchTables, name: str) -> _Traced:
     whole = output.simulate(constants, effects)
     without = output.simulate(constants, [each for each in effects if each[0].name != name])
     form = next(each.form for each, _ in effects if each.name == name)
-    signals, rates = output.list_signals(), {each.name for each in output.drivers() if each.rate}
-    rate = signals[output.loop[1]]
-    variables = {name: (signal, None if name in rates else rate) for name, signal in signals.items()}
-    variables["simulated"] = (without, rate)
-    variables["simulated_rate"] = (np.gradient(without, output.step_s, axis=0), None)
+    own = output.list_own()
+    rate = own[output.loop[1]].shown
+    variables = {name: (each.shown, None if each.rate else rate, each.label) for name, each in own.items()}
+    simulated, unit = f"simulated {output.channel}", per_second(name_signal(output.channel)[1])
+    variables[simulated] = (without, rate, label(simulated))
+    change = np.gradient(without, output.step_s, axis=0)
+    variables[f"rate of {simulated}"] = (change, None, label(f"rate of {simulated}", unit))
     times = np.broadcast_arrays(np.arange(len(whole))[:, None] * output.step_s, output.start_s[None, :])
-    variables |= {"time_s": (times[0], None), "start_s": (times[1], None)}
+    for name, values in zip((TIME, SESSION_TIME), times, strict=True):
+        variables[name] = (values, None, label(name))
     return _Traced(output, form, output.measured - without, whole - without, variables)
 
 
 def _explain(traced: _Traced, variable: str) -> float:
     """Return the share of variance (correlation ratio) of what an effect adds between bins of equal count."""
-    present, (values, rate), added = traced.output.present, traced.variables[variable], traced.added
+    present, (values, rate, _), added = traced.output.present, traced.variables[variable], traced.added
     edges = np.unique(np.quantile(values[present], np.linspace(0.0, 1.0, LOOP_BINS + 1)))
     if len(edges) < 3:
         return 0.0

@@ -13,10 +13,10 @@ import numpy as np
 from numpy.typing import NDArray
 
 from stages.science.discrepancy.settings import DescriptionSettings
-from stages.science.discrepancy.signal_names import name_signal
 from stages.science.output_channels.features import TURNING
 from stages.science.output_channels.fitting import Fit
 from stages.science.output_channels.output_channel import Driver
+from stages.science.recording.signal_names import name_signal
 from stages.science.signals.trajectories import Array
 
 DEGREE = 3

@@ -12,7 +12,6 @@ from stages.science.figures.signal_words import (
     BEFORE,
     MEASURED,
     STYLES,
-    label,
     name_directions,
     name_panel,
     shorten,
@@ -94,12 +93,12 @@ def draw_gap_map(gap: pd.DataFrame, channels: pd.DataFrame, level: float) -> Fig
 def draw_residual_loops(loops: pd.DataFrame) -> Figure:
     """Draw the mean residual along a signal with two standard errors over trials, apart for the directions of motion.
 
-    The frame has columns channel (a row of panels each), muscle (a panel each), unit, variable, direction, x, mean and
-    error.
+    The frame has columns channel (a row of panels each), muscle (a panel each), unit, rate, direction, x, x_label, mean
+    and error.
     """
     figure, panels = _lay_out(loops, 2.65, 0.6, 2.4)
-    for axis, its, channel, muscle in _fill(loops, panels):
-        words = name_directions(channel, its["variable"].iloc[0])
+    for axis, its, _, muscle in _fill(loops, panels):
+        words = name_directions(its["rate"].iloc[0])
         for direction, line in its.groupby("direction", sort=False):
             colour, style = STYLES[str(direction)]
             told = words.get(str(direction), "measured")
@@ -107,7 +106,7 @@ def draw_residual_loops(loops: pd.DataFrame) -> Figure:
             low, high = line["mean"] - 2 * line["error"], line["mean"] + 2 * line["error"]
             axis.fill_between(line["x"], low, high, color=colour, alpha=0.18, linewidth=0)
         axis.axhline(0.0, color=MEASURED, linewidth=0.8)
-        name_panel(axis, muscle, label(its["variable"].iloc[0]))
+        name_panel(axis, muscle, its["x_label"].iloc[0])
     for axis, (named, unit) in zip(panels[:, 0], loops.groupby("channel", sort=False)["unit"], strict=True):
         axis.set_ylabel(f"{shorten(str(named))}, measured\nless simulated ({unit.iloc[0]})", fontsize=9)
         axis.legend(frameon=False, fontsize=8)
@@ -117,7 +116,8 @@ def draw_residual_loops(loops: pd.DataFrame) -> Figure:
 def draw_residual_plane(plane: pd.DataFrame) -> Figure:
     """Draw the mean residual over the noise floor: over contraction and pressure, or over a command and its rate.
 
-    The frame has columns channel (a row of panels each), muscle (a panel each), across, along, x, y and over_floor.
+    The frame has columns channel (a row of panels each), muscle (a panel each), along, x, x_label, y, y_label and
+    over_floor.
     """
     figure, panels = _lay_out(plane, 2.6, 1.4, 2.5)
     limit = max(LEAST_SCALE, float(np.quantile(plane["over_floor"].abs(), 0.98)))
@@ -130,10 +130,10 @@ def draw_residual_plane(plane: pd.DataFrame) -> Figure:
             axis.set_yticks([each for each in TICKS if low <= each <= high], minor=False)
             axis.yaxis.set_major_formatter("{x:g}")
             axis.minorticks_off()
-        name_panel(axis, f"{shorten(channel)}, {muscle}", label(its["across"].iloc[0]))
-        axis.set_ylabel(label(its["along"].iloc[0]), fontsize=9)
+        name_panel(axis, f"{shorten(channel)}, {muscle}", its["x_label"].iloc[0])
+        axis.set_ylabel(its["y_label"].iloc[0], fontsize=9)
         axis.set_facecolor("#eef1f4")
-    told = "measured less simulated, over noise floor (1)"
+    told = "measured less simulated,\nover noise floor (1)"
     figure.colorbar(dots, ax=panels.ravel().tolist(), shrink=0.7, pad=0.01, label=told)
     return figure
 

@@ -5,7 +5,8 @@ from collections.abc import Sequence
 import pandas as pd
 
 from stages.science.figures.canvas import COLOURS, LINES, Figure, new_figure
-from stages.science.figures.signal_words import MEASURED, QUIET, label, spell
+from stages.science.figures.signal_words import MEASURED, QUIET, spell
+from stages.science.recording.signal_names import label, name_signal
 
 
 def draw_proposed_trial(signals: pd.DataFrame, rivals: Sequence[str]) -> Figure:
@@ -30,7 +31,7 @@ def draw_proposed_trial(signals: pd.DataFrame, rivals: Sequence[str]) -> Figure:
         style = {"color": COLOURS[place % len(COLOURS)], "linestyle": LINES[place % len(LINES)]}
         last.plot(wide.index, wide[rival] - wide[rivals[0]], **style, label=f"by {name}, less that")
     last.axhline(0.0, color=MEASURED, linewidth=0.8)
-    last.set_ylabel(f"difference\n{label(channel)}", fontsize=8)
+    last.set_ylabel(f"{where}\n{label('difference', name_signal(channel)[1])}", fontsize=8)
     last.set_xlabel("time (s)", fontsize=9)
     for axis in (first, last):
         axis.legend(frameon=False, fontsize=8)

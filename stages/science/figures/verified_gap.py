@@ -15,12 +15,12 @@ from stages.science.figures.signal_words import (
     MEASURED,
     QUIET,
     STYLES,
-    label,
     name_directions,
     name_panel,
     shorten,
     spell,
 )
+from stages.science.recording.signal_names import label, name_signal
 
 LETTERS_PER_INCH = 12
 FLOOR, MAP = "noise floor", "+ learned map"
@@ -66,13 +66,13 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
 def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
     """Draw what a named effect adds to the simulation over the residual without it, a panel for each muscle.
 
-    `traced`, of one effect, has columns effect, channel, muscle, unit, variable, direction, x, measured (drawn with two
-    standard errors), error and added; the signature says in one sentence what the effect leaves in the residual.
+    `traced`, of one effect, has columns effect, channel, muscle, unit, rate, direction, x, x_label, measured (drawn
+    with two standard errors), error and added; the signature says in one sentence what it leaves in the residual.
     """
     muscles = list(traced["muscle"].unique())
     first = traced.iloc[0]
     figure, (panels,) = new_figure(max(5.3, min(10.6, 2.65 * len(muscles) + 0.6)), 3.6, 1, len(muscles))
-    names = name_directions(first["channel"], first["variable"])
+    names = name_directions(first["rate"])
     for axis, muscle in zip(panels, muscles, strict=True):
         for direction, its in traced[traced["muscle"] == muscle].groupby("direction", sort=False):
             colour, style = STYLES[str(direction)]
@@ -82,7 +82,7 @@ def draw_effect_signature(traced: pd.DataFrame, signature: str) -> Figure:
             told = f"{spell(first['effect'])}{way}"
             axis.plot(its["x"], its["added"], color=colour, linestyle=style, linewidth=1.8, label=told)
         axis.axhline(0.0, color=MEASURED, linewidth=0.8)
-        name_panel(axis, muscle, label(first["variable"], first["channel"], first["unit"]))
+        name_panel(axis, muscle, first["x_label"])
     what = f"{shorten(first['channel'])} without it:\nmeasured less simulated ({first['unit']})"
     panels[0].set_ylabel(what, fontsize=9)
     handles = panels[0].get_legend_handles_labels()
@@ -172,9 +172,8 @@ def draw_verified_trials(
                 axis.plot(line["time_s"], line["measured"] - line[name], color=SIMULATED[name][0], linewidth=0.9)
         panels[-1, column].set_xlabel("time (s)", fontsize=9)
     panels[0, 0].set_ylabel(f"{muscles[0]}\n{label(channel)}", fontsize=9)
-    unit = label(channel).rpartition("(")[2].rstrip(")")
     for axis, muscle in zip(panels[1:, 0], muscles, strict=True):
-        axis.set_ylabel(f"{muscle}\nresidual ({unit})", fontsize=9)
+        axis.set_ylabel(f"{muscle}\n{label('residual', name_signal(channel)[1])}", fontsize=9)
     lines, areas = (panels[row, 0].get_legend_handles_labels() for row in (0, 1))
     handles = [*lines[0], *areas[0]], [*lines[1], *areas[1]]
     figure.legend(*handles, loc="outside upper center", ncols=5, frameon=False, fontsize=9)

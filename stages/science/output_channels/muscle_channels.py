@@ -305,7 +305,7 @@ class ForceChannel(MuscleChannel):
         rate = np.gradient(pressure, records.step_s, axis=0)
         own = [
             Driver("pressure_kpa", pressure),
-            Driver("contraction", records.contraction),
+            Driver("contraction", records.contraction, unit="1"),
             Driver("contraction_velocity_per_s", records.velocity_per_s, rate=True),
             Driver("pressure_rate", rate, rate=True),
         ]

@@ -16,6 +16,7 @@ from pydantic import Field
 
 from stages.science.plant.declaration import Declared
 from stages.science.plant.effect import NamedEffect, Parameter
+from stages.science.recording.signal_names import label
 from stages.science.signals.trajectories import Array
 
 MOST_STARTS = 12
@@ -89,6 +90,19 @@ class Driver:
     """Whether it belongs to this element; others' get fewer features."""
     rate: bool = False
     """Whether its sign is a direction of motion."""
+    unit: str = ""
+    """Of its values times the factor, where the name does not tell it; figures show these."""
+    factor: float = 1.0
+
+    @property
+    def shown(self) -> Array:
+        """The values in that unit, (T, K)."""
+        return self.values * self.factor
+
+    @property
+    def label(self) -> str:
+        """What an axis of them says."""
+        return label(self.name, self.unit)
 
 
 class OutputChannel(ABC):
@@ -150,9 +164,9 @@ class OutputChannel(ABC):
         """
         return self
 
-    def list_signals(self) -> dict[str, Array]:
+    def list_own(self) -> dict[str, Driver]:
         """Return its own drivers by name."""
-        return {each.name: each.values for each in self.drivers() if each.own}
+        return {each.name: each for each in self.drivers() if each.own}
 
     def respond(self, features: Array) -> Array:
         """Return the features of a flexible model, (T, K, F), as this channel responds to them; here without delay.

@@ -24,6 +24,7 @@ from stages.science.output_channels.records import bridge, bridge_short, spread_
 from stages.science.plant.effect import NamedEffect, list_effects
 from stages.science.plant.effect_config import list_effects_at
 from stages.science.plant.record_plant import HEAD, NOTHING, InitialState, RecordPlant, read_initial_state
+from stages.science.recording.signal_names import name_signal, per_second
 from stages.science.recording.units import own_unit
 from stages.science.signals.trajectories import Array
 
@@ -226,16 +227,17 @@ class WholeRecordChannel(OutputChannel):
             signals = {name: values[:, None] for name, values in self.records[record].items()}
             watched[record] = self.plant.watch(signals, self.step_s, constants)
         first = watched[self._used[0]]
-        if len({rate for *_, rate in first}) < 2:
-            told = ", ".join(f"{name} (rate={rate})" for name, _, rate in first) or "none"
+        if len({each.rate for each in first}) < 2:
+            told = ", ".join(f"{each.name} (rate={each.rate})" for each in first) or "none"
             raise ValueError(
                 f"{type(self.plant).__name__}.watch: expected a state, Watched(name, samples, False), and a rate whose "
                 f"sign is a direction, Watched(name, samples, True); got {told}"
             )
-        own = [
-            Driver(name, self._cut({k: each[place].samples[:, 0] for k, each in watched.items()}), rate=rate)
-            for place, (name, _, rate) in enumerate(first)
-        ]
+        own = []
+        for place, (name, _, rate, like, factor) in enumerate(first):
+            unit = name_signal(like)[1]
+            values = self._cut({k: each[place].samples[:, 0] for k, each in watched.items()})
+            own.append(Driver(name, values, True, rate, per_second(unit) if rate and like else unit, factor))
         aside = [Driver(name, self._cut({k: self.records[k][name] for k in self._used}), False) for name in self.beside]
         return own + aside
 

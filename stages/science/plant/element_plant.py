@@ -184,6 +184,7 @@ class ElementPlant(RecordPlant):
         """Return the inputs, and how the element is moved."""
         refined = self.refine(signals, step_s)
         rate = self.set_up(refined, step_s, np.zeros(1)).rate
+        per_s = self.know("along_scale") / self.know("time_scale_s")
         path = f"{self.along} - {self.against}" if self.against else self.along
         others = (Watched(name, signals[name], False) for name in self.inputs if name not in (path, self.speed))
-        return [Watched(path, refined[PATH], False), Watched(f"rate of {path}", rate, True), *others]
+        return [Watched(path, refined[PATH], False), Watched(f"rate of {path}", rate, True, self.along, per_s), *others]

@@ -33,11 +33,16 @@ Case = tuple[Values, Sequence[Placed]]
 
 
 class Watched(NamedTuple):
-    """A signal that may explain a residual: its name, samples (T, R), and whether it is a rate."""
+    """A signal that may explain a residual: its name, samples (T, R), and whether it is a rate.
+
+    `factor` times the samples are in the unit of the signal `like`, of a rate per second, where that is told.
+    """
 
     name: str
     samples: Array
     rate: bool
+    like: str = ""
+    factor: float = 1.0
 
 
 NOTHING = "nothing"
@@ -362,9 +367,10 @@ class RecordPlant(Declared):
 
     def list_watched(self, state: Array, signals: Signals, step_s: float) -> list[Watched]:
         """Return a state (T, R), its rate per pace, and the inputs."""
-        rate = np.gradient(state, step_s, axis=0) * (self.time_scale_s or 1.0)
-        told = [Watched(self.WATCHED[0], state, False), Watched(self.WATCHED[1], rate, True)]
-        return [*told, *(Watched(name, signals[name], False) for name in self.inputs)]
+        (called, called_rate), pace_s = self.WATCHED, self.time_scale_s or 1.0
+        rate = Watched(called_rate, np.gradient(state, step_s, axis=0) * pace_s, True, self.output, 1.0 / pace_s)
+        inputs = (Watched(name, signals[name], False) for name in self.inputs)
+        return [Watched(called, state, False, self.output), rate, *inputs]
 
     def respond(self, features: Array, step_s: float) -> Array:
         """Return the features of a flexible model, (T, K, F), as the output answers to them: here at once."""

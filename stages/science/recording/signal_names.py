@@ -1,4 +1,4 @@
-"""What measured signals are called in sentences and formulas: their names in words, and their units apart."""
+"""What measured signals are called in sentences, formulas and figures: their names in words, their units apart."""
 
 from stages.science.recording.units import ENDS, own_unit
 from stages.science.signals.histories import DISTANCE
@@ -23,8 +23,22 @@ def name_signal(name: str) -> tuple[str, str]:
         end = max((each for each in ENDS if column.endswith(f"_{each}")), key=len, default="")
         words = column.removesuffix(f"_{end}").replace("_", " ") if end else column.replace("_", " ")
         unit = own_unit(column) if end else ""
-    if before == "rate of":
+    if name.startswith("rate of "):
         unit = ""  # in scales per pace
     if before.startswith(DISTANCE):
         unit = unit.removesuffix("/s").removesuffix("1")
+    if before.endswith(" -"):
+        before = f"{name_signal(before.removesuffix(' -'))[0]} -"
     return f"{before}{blank}{words}", unit
+
+
+def label(name: str, unit: str = "") -> str:
+    """Return what an axis of a signal says: its name in words, and its unit, where it is given or the name tells it."""
+    words, own = name_signal(name)
+    told = unit or own
+    return f"{words} ({told})" if told else words
+
+
+def per_second(unit: str) -> str:
+    """Return the unit of the rate of a signal in a unit."""
+    return f"{unit}^2" if unit.endswith("/s") else f"{unit or '1'}/s"
