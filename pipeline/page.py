@@ -19,7 +19,7 @@ import pandas as pd
 
 from pipeline.command import split_command
 from pipeline.files import write_text
-from pipeline.printing import format_value
+from pipeline.printing import add_unit, format_value
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -88,6 +88,7 @@ def _environment() -> Environment:
     environment.filters |= {
         "shown": format_value,
         "split_command": split_command,
+        "with_unit": add_unit,
         "unbroken": lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%"),
         "exact": lambda value: "" if value is None or value != value else repr(float(value)),
         "base64": lambda png: base64.b64encode(png).decode(),

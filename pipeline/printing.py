@@ -125,5 +125,5 @@ def show_metric(name: str, metric: Mapping[str, Any]) -> tuple[str, Any]:
 
 
 def add_unit(name: str, unit: str) -> str:
-    """Return a heading with its unit, where there is one."""
-    return name if unit in ("", "1") else f"{name} ({unit})"
+    """Return a heading with its unit, where there is one that the name does not end in."""
+    return name if unit in ("", "1") or name.lower().endswith(f"_{unit.lower()}") else f"{name} ({unit})"

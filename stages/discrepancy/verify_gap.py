@@ -176,13 +176,14 @@ def verify_gap(
         verdict["status"] = status = "unexplained"  # what no fitted trial shows, nothing told from noise
         verdict["missing_probability"] = settings.search.certain
     ctx.verdict(verdict)
+    names = name_trials(tables.measured_trials)
     spoken = " and ".join(name_signal(each)[0] for each in concerned)
     ctx.figure(
         "gap_waterfall",
         draw_gap_waterfall(verification[verification["part"] == TEST]),
         f"Gap on verification trials, step by step, over {spoken}, with {settings.level:.0%} intervals over trials.",
     )
-    draw_trials(predictions, channels[channels["channel"].isin(concerned)], ctx)
+    draw_trials(predictions, channels[channels["channel"].isin(concerned)], names, ctx)
     if status == "named":
         draw_signatures(trace_effects(dataset, found), verdict["effects"], ctx)
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
@@ -194,7 +195,7 @@ def verify_gap(
         *report_text.describe_uninformative(float(driven["gap_over_std"].iloc[last])),
         *report_text.describe_verdict(verdict, places, settings),
         *report_text.describe_maps(maps, settings.significance),
-        *report_text.describe_odd_trials(odd.to_dict("records")),
+        *report_text.describe_odd_trials(odd.assign(trial=odd["trial"].map(names)).to_dict("records")),
         *(high if status == "no_discrepancy" else []),
         *report_text.describe_remainder(remainder, status, report),
         *report_text.describe_few_trials(len(dataset.fitted), len(test), fewest_trials(settings.significance)),
@@ -235,9 +236,17 @@ def list_reported(tables: DatasetTables, judged: Sequence[Verified]) -> dict[str
     reported = {TEST: np.flatnonzero(purposes == TEST).tolist()}
     records = trials["record"].where((purposes == TEST) & (seen > 0) & trials["record"].ne(""))
     if 1 < records.nunique() <= MOST_RECORDS:
-        reported |= {f"{TEST} {name}": list(rows) for name, rows in records.groupby(records).indices.items()}
+        each_one = records.groupby(records, sort=False).indices.items()
+        reported |= {f"{TEST}, record {name}": list(rows) for name, rows in each_one}
     aside = trials["part"].where((purposes == "other") & (seen > 0))
     return reported | {str(part): list(rows) for part, rows in aside.groupby(aside).indices.items()}
+
+
+def name_trials(trials: pd.DataFrame) -> dict[int, str]:
+    """Return what each trial is called: its number in the dataset, and its record where there are several."""
+    several = len(set(trials["record"])) > 1
+    rows = zip(trials["trial"], trials["record"], strict=True)
+    return {int(trial): f"{trial} (record {record})" if several else str(trial) for trial, record in rows}
 
 
 def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -> dict[str, Any]:
@@ -268,8 +277,8 @@ def describe_command(named: bool, mapped: bool, session: pd.Series, simulated_at
     return f"{told}python -m pipeline plant=FOLDER/documents/amended.yaml{elsewhere}"
 
 
-def draw_trials(predictions: pd.DataFrame, channels: pd.DataFrame, ctx: Context) -> None:
-    """Draw some test trials of the channel whose gap is largest."""
+def draw_trials(predictions: pd.DataFrame, channels: pd.DataFrame, names: Mapping[int, str], ctx: Context) -> None:
+    """Draw some test trials, by what they are called, of the channel whose gap is largest."""
     rows = channels.sort_values("gap_over_floor", ascending=False)
     channel = str(rows["channel"].iloc[0])
     muscles = rows.loc[rows["channel"] == channel, "muscle"].head(MOST_SHOWN).tolist()
@@ -279,9 +288,9 @@ def draw_trials(predictions: pd.DataFrame, channels: pd.DataFrame, ctx: Context)
         chosen = sorted({trials[0], trials[len(trials) // 2], trials[-1]})
         ctx.figure(
             "verified_trials",
-            draw_verified_trials(test, channel, muscles, chosen),
-            "Verification trials: measured, simulated before and after what was named, with learned maps too where "
-            "there are any, and below them what is left.",
+            draw_verified_trials(test, channel, muscles, {each: names[each] for each in chosen}),
+            "Verification trials: measured, simulated, with what was named and with learned maps where there are any, "
+            "and below them what is left, with the band in which a measurement is expected.",
         )
 
 

@@ -197,6 +197,9 @@ def test_bytes_alone_make_a_stage_stale_and_the_plan_says_of_which_file(scales, 
 
     assert command(*arguments).returncode == 0
     assert pd.read_parquet(command.runs[0] / "tables/weights.parquet")["bytes"].tolist() == [3, 1, 2]
+    page = (command.runs[0] / "report.html").read_text()
+    assert "<td>file</td><td></td>" in page  # texts have no unit
+    assert "<td>bytes</td><td>B</td>" in page
     os.utime(folder / "a.txt", (0, 0))
     (folder / ".hidden").write_text("x")
     assert "weighing  fresh" in plan()

@@ -76,7 +76,7 @@ def test_jobs_are_sorted_and_filtered_and_lead_to_their_reports(pages, browser):
 
     look = open_page(browser, pages["sweep"])
     heads = look.page.locator("table.sortable thead th").all_inner_texts()
-    score = heads.index("score_m (m)")
+    score = heads.index("score_m")
     button = look.page.locator("table.sortable thead button").nth(score)
     button.click()
     rising = cells(score)

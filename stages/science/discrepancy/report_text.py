@@ -185,7 +185,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
 
 def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) -> str:
     first, muscles = rows[0], sorted(each["muscle"] for each in rows)
-    channel = _spell(first["channel"].removesuffix(f"_{first['unit'].lower()}"))
+    channel = name_signal(first["channel"])[0]
     worst = max(rows, key=lambda each: each["largest"])
     largest, where = float(f"{worst['largest']:.2g}"), f" on {worst['muscle']}" if len(rows) > 1 else ""
     text = f"{_join(muscles)}: {channel} is off by up to {largest:g} {first['unit']}{where}"
@@ -210,11 +210,14 @@ def describe_silent_channels(judged: Collection[tuple[str, str]], muscles: Seque
 
 
 def describe_odd_trials(odd: Sequence[Mapping[Any, Any]]) -> list[str]:
-    """Return which trials do not fit to the others, by rows ``trial channel muscle ratio``, the worst first."""
+    """Return which trials do not fit to the others, by rows ``trial channel muscle ratio``, the worst first.
+
+    A trial is told as it is called.
+    """
     if not odd:
         return []
-    trials = [str(each) for each in dict.fromkeys(int(row["trial"]) for row in odd)]
-    what = f"{odd[0]['muscle']}, {odd[0]['channel']}"
+    trials = list(dict.fromkeys(row["trial"] for row in odd))
+    what = f"{odd[0]['muscle']}, {name_signal(odd[0]['channel'])[0]}"
     more = f" and {len(trials) - MOST_LISTED} more" if len(trials) > MOST_LISTED else ""
     which = f"trial{'s' if len(trials) > 1 else ''} {', '.join(trials[:MOST_LISTED])}{more}"
     return [
@@ -324,7 +327,7 @@ def describe_high_floor(channels: pd.DataFrame, high: float, final: float = math
     rows = channels[floor > high * channels["white"]]
     if rows.empty:
         return []
-    where = [f"{_spell(str(row['channel']))} of {row['muscle']}" for row in rows.to_dict("records")]
+    where = [f"{name_signal(str(row['channel']))[0]} of {row['muscle']}" for row in rows.to_dict("records")]
     return [
         f"The noise floor is more than {high:g} times the sensor's noise from sample to sample "
         f"({_shorten(where)}): something wanders, or acts that no measured signal tells; trials repeated alike would "

@@ -29,10 +29,12 @@ def draw_proposed_trial(signals: pd.DataFrame, rivals: Sequence[str]) -> Figure:
     first.set_ylabel(f"{where}\n{label(channel)}", fontsize=8)
     for place, (rival, name) in enumerate(zip(rivals[1:], names[1:], strict=True)):
         style = {"color": COLOURS[place % len(COLOURS)], "linestyle": LINES[place % len(LINES)]}
-        last.plot(wide.index, wide[rival] - wide[rivals[0]], **style, label=f"by {name}, less that")
+        last.plot(wide.index, wide[rival] - wide[rivals[0]], **style, label=f"by {name} less by {names[0]}")
     last.axhline(0.0, color=MEASURED, linewidth=0.8)
     last.set_ylabel(f"{where}\n{label('difference', name_signal(channel)[1])}", fontsize=8)
     last.set_xlabel("time (s)", fontsize=9)
+    figure.suptitle(f"a trial that would tell apart: {', '.join(names)}", fontsize=10)
+    figure.align_ylabels()
     for axis in (first, last):
         axis.legend(frameon=False, fontsize=8)
     for axis in panels[:, 0]:

@@ -1,6 +1,6 @@
 """What effects close of the gap: candidates, signatures of named ones, the gap step by step, verification trials."""
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from itertools import pairwise
 from textwrap import fill
 from typing import Any
@@ -59,7 +59,7 @@ def draw_candidate_ranking(ranking: pd.DataFrame) -> Figure:
     closed = ~rows["absorbed"]
     right.plot(100.0 * rows["heldout_gap"][closed], rows.index[closed], "o", color=AFTER)
     right.plot(100.0 * rows["heldout_gap"][~closed], rows.index[~closed], "o", color=QUIET, fillstyle="none")
-    right.set(xlim=(0.0, None), xlabel="gap with it, trials left out (% of range)")
+    right.set(xlim=(0.0, 105.0 * rows["heldout_gap"].max()), xlabel="gap with it, trials left out (% of range)")
     return figure
 
 
@@ -143,37 +143,39 @@ def _mark(axis: Any, place: int, row: Any) -> None:
 
 
 def draw_verified_trials(
-    predictions: pd.DataFrame, channel: str, muscles: Sequence[str], trials: Sequence[int]
+    predictions: pd.DataFrame, channel: str, muscles: Sequence[str], trials: Mapping[int, str]
 ) -> Figure:
     """Draw the first muscle's channel in each trial, a column each, and below it each muscle's residuals, a row each.
 
-    Predictions have columns trial, time_s, muscle, channel, measured, before, after, patched, low and high.
+    Predictions have columns trial, time_s, muscle, channel, measured, before, after, patched, low and high; the trials
+    have what they are called.
     """
     told = ["before", *(new for old, new in pairwise(SIMULATED) if not predictions[new].equals(predictions[old]))]
     heights = [1.4, *(1.0 for _ in muscles)]
     sharing: dict[str, Any] = {"sharex": "col", "sharey": "row", "gridspec_kw": {"height_ratios": heights}}
     figure, panels = new_figure(10.6, 2.1 + 1.45 * len(muscles), len(heights), len(trials), **sharing)
-    for column, trial in enumerate(trials):
+    for column, (trial, title) in enumerate(trials.items()):
         rows = predictions[(predictions["channel"] == channel) & (predictions["trial"] == trial)]
         top, first = panels[0, column], rows[rows["muscle"] == muscles[0]]
         top.plot(first["time_s"], first["measured"], color=QUIET, linewidth=3.0, label="measured")
         for name in told:
             colour, style, words = SIMULATED[name]
+            words = words if len(told) > 1 else "simulated"
             top.plot(first["time_s"], first[name], style, color=colour, linewidth=1.1, label=words)
-        top.set_title(f"trial {trial}", fontsize=10)
+        top.set_title(f"trial {title}", fontsize=10)
         for axis, muscle in zip(panels[1:, column], muscles, strict=True):
             line = rows[rows["muscle"] == muscle]
             axis.axhline(0.0, color=MEASURED, linewidth=0.8)
             ends = (line[end] - line["patched"] for end in ("low", "high"))
-            axis.fill_between(
-                line["time_s"], *ends, color=QUIET, alpha=0.35, linewidth=0.0, label="band about the last"
-            )
+            band = f"band about {'the last' if len(told) > 1 else 'it'}"
+            axis.fill_between(line["time_s"], *ends, color=QUIET, alpha=0.35, linewidth=0.0, label=band)
             for name in told:
                 axis.plot(line["time_s"], line["measured"] - line[name], color=SIMULATED[name][0], linewidth=0.9)
         panels[-1, column].set_xlabel("time (s)", fontsize=9)
     panels[0, 0].set_ylabel(f"{muscles[0]}\n{label(channel)}", fontsize=9)
     for axis, muscle in zip(panels[1:, 0], muscles, strict=True):
         axis.set_ylabel(f"{muscle}\n{label('residual', name_signal(channel)[1])}", fontsize=9)
+    figure.align_ylabels(panels[:, 0])
     lines, areas = (panels[row, 0].get_legend_handles_labels() for row in (0, 1))
     handles = [*lines[0], *areas[0]], [*lines[1], *areas[1]]
     figure.legend(*handles, loc="outside upper center", ncols=5, frameon=False, fontsize=9)

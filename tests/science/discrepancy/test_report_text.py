@@ -122,6 +122,13 @@ def test_a_verdict_says_what_its_numbers_say(verdict, said, unsaid):
     assert [words for words in unsaid if words in text] == []
 
 
+def test_a_channel_is_off_by_a_size_in_its_unit_once():
+    place = {"channel": "speed_rad_per_s", "muscle": "motor", "unit": "rad/s", "largest": 64.2}
+    place |= {"regime": "low speed", "share_of_gap": 0.5, "share_of_time": 0.5}
+    *_, where = describe_verdict(UNEXPLAINED, [place], DISCREPANCY)
+    assert where.startswith("motor: speed is off by up to 64 rad/s, in no regime")
+
+
 def test_few_trials_are_told():
     assert [len(describe_few_trials(fitted, 1, 6)) for fitted in (2, 5, 6)] == [1, 1, 0]
 
@@ -164,7 +171,7 @@ def test_times_are_told_in_seconds():
 def test_a_floor_far_above_the_sensor_s_noise_is_told_with_its_place():
     channels = pd.DataFrame({"channel": "force_n", "muscle": ["pam1", "pam2"], "noise_floor": [9.0, 2.0], "white": 1.0})
     (sentence,) = describe_high_floor(channels, 3.0)
-    assert "force n of pam1" in sentence
+    assert "(force of pam1)" in sentence
     assert "pam2" not in sentence
     assert describe_high_floor(channels.assign(noise_floor=2.0), 3.0) == []
 
