@@ -48,6 +48,17 @@ DUFFING = DynamicEffect(
     terms=name_terms(cubic="share"),
 )
 
+PENDULUM = DynamicEffect(
+    name="cubic_stiffness",
+    form="pendulum",
+    site="motion",
+    parameters=(Parameter("swing", "1", 0.0, 6.0, 0.0, 1.0, "squared angle of one scale, squared rad", (0.3, 1.0)),),
+    source="Nayfeh, Mook, Nonlinear oscillations (1979), 2.1.1: the restoring torque of a pendulum is a sine",
+    signature=DUFFING.signature,
+    split_by=DUFFING.split_by,
+    terms=name_terms(swing="swing"),
+)
+
 HARDENING_ELEMENT = ElementEffect(
     name="cubic_stiffness",
     parameters=(
@@ -59,4 +70,4 @@ HARDENING_ELEMENT = ElementEffect(
     apply=lambda answer, bench, parameters: answer + parameters["share"] * bench.along * bench.along * bench.along,
 )
 
-FORMS = (EFFECT, DUFFING, HARDENING_ELEMENT)
+FORMS = (EFFECT, DUFFING, PENDULUM, HARDENING_ELEMENT)

@@ -1,15 +1,18 @@
 """Stiffening towards an end of the range: beyond some contraction a force grows exponentially.
 
 `contracted_end`: a short, thick muscle meets its fittings and loses tension. `stretched_end`: the threads are straight
-and tension rises.
+and tension rises. A motion meets a second spring at one end, `upper_stop` or `lower_stop`, or at both, `two_stops`. A
+stop is at least as stiff as the spring that holds the motion; what is softer is the spring's own law.
 """
 
+import math
+from collections.abc import Callable
 from dataclasses import replace
 
 import numpy as np
 
 from stages.science.effects import take_share
-from stages.science.plant.effect import ChainEffect, Parameter, Values
+from stages.science.plant.effect import ChainEffect, DynamicEffect, Parameter, Values
 from stages.science.signals.trajectories import Array
 
 STEEPEST = 6.0
@@ -44,6 +47,36 @@ EFFECT = ChainEffect(
     apply=take_share(lambda state, parameters: _grow(state.contraction - parameters["onset"], parameters)),
 )
 
+
+def _stand(*sides: str) -> Callable[[Values], dict[str, float]]:
+    """Return what lists the terms of a stop above or below, or of one on each side, as far away."""
+
+    def list_terms(parameters: Values) -> dict[str, float]:
+        near = parameters["scale_over_place"]
+        place = 1.0 / near if near else math.inf
+        places = {"above": place, "below": -place}
+        return {"stop": parameters["stiffness"], **{f"stop_{side}": places[side] for side in sides}}
+
+    return list_terms
+
+
+STOP = DynamicEffect(
+    name="end_stiffening",
+    form="upper_stop",
+    site="motion",
+    parameters=(
+        Parameter("scale_over_place", "1", 0.0, 10.0, 0.0, 2.0, "a scale over the stop's place", (0.8, 1.3, 2.0, 4.0)),
+        Parameter(
+            "stiffness", "1", 1.0, 30.0, 3.0, 5.0, "deceleration one scale beyond it, scales per squared pace", (5.0,)
+        ),
+    ),
+    source="Shaw, Holmes, A periodically forced piecewise linear oscillator, J. Sound and Vibration 90 (1983)",
+    signature="the motion turns back sooner at one end than it should, and is right elsewhere",
+    split_by="a slow push to both ends of the range",
+    terms=_stand("above"),
+    scales=False,
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -56,4 +89,7 @@ FORMS = (
         ),
         apply=take_share(lambda state, parameters: -_grow(parameters["onset"] - state.contraction, parameters)),
     ),
+    STOP,
+    replace(STOP, form="lower_stop", terms=_stand("below")),
+    replace(STOP, form="two_stops", terms=_stand("above", "below")),
 )

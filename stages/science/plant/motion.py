@@ -26,10 +26,12 @@ WIDE = 8
 """Columns that are advanced together: as many numbers as one instruction takes, where there are such instructions."""
 TABLE = (
     *("cubic", "quadratic", "hysteretic", "damping", "drag", "coulomb", "sliding", "turning", "stiction", "yielding"),
-    *("rise", "falling"),
+    *("rise", "falling", "stop", "stop_above", "stop_below", "swing"),
 )
 """Rows of the table of constants that the integrator reads."""
 COULOMB = TABLE.index("coulomb")
+SINE = (-1.0 / 39916800.0, 1.0 / 362880.0, -1.0 / 5040.0, 1.0 / 120.0, -1.0 / 6.0)
+"""Of the series of a sine over its angle, the last of ten powers first."""
 DIVISORS = tuple(1.0 / count for count in range(10, 0, -1))
 """Of the series of an exponential."""
 FURTHEST = 1e3
@@ -48,6 +50,10 @@ class MotionTerms(NamedTuple):
     stiction: float = 0.0
     yielding: float = 1.0
     drag: float = 0.0
+    stop: float = 0.0
+    stop_above: float = math.inf
+    stop_below: float = -math.inf
+    swing: float = 0.0
     damping: float = 0.0
     hysteretic: float = 0.0
     turning: float = 1.0
@@ -78,8 +84,14 @@ def turn(value: float) -> float:
 def _find_rates(
     x: float, w: float, z: float, drive: float, hold: float, constants: tuple[float, ...], rubs: bool
 ) -> tuple[float, float]:
-    cubic, quadratic, hysteretic, damping, drag, coulomb, per_sliding, per_turning, rise, per_falling = constants
-    dw = drive - (x * (hold + x * (quadratic + cubic * x)) + hysteretic * z + w * (damping + drag * abs(w)))
+    cubic, quadratic, hysteretic, damping, drag, coulomb, per_sliding, per_turning, rise, per_falling = constants[:10]
+    stop, above, below, swing = constants[10:]
+    turned = min(swing * x * x, math.pi**2)  # upright, a pendulum has no torque
+    bent = 0.0  # sin(y) / y - 1, to 2e-5 there
+    for factor in SINE:
+        bent = turned * (factor + bent)
+    dw = drive - stop * (max(x - above, 0.0) + min(x - below, 0.0))
+    dw -= x * (hold + hold * bent + x * (quadratic + cubic * x)) + hysteretic * z + w * (damping + drag * abs(w))
     if rubs:
         quick = w * per_falling
         dw -= coulomb * turn(w * per_sliding) * (1.0 + rise / (1.0 + quick * quick))
@@ -110,6 +122,10 @@ def _advance(
             table[7 * WIDE + k],
             table[10 * WIDE + k],
             table[11 * WIDE + k],
+            table[12 * WIDE + k],
+            table[13 * WIDE + k],
+            table[14 * WIDE + k],
+            table[15 * WIDE + k],
         )
         stuck = table[8 * WIDE + k] * s
         dw1, dz1 = _find_rates(x, w, z, drive1[k] - stuck, hold1[k], constants, rubs)

@@ -129,8 +129,8 @@ def pendulum(seed, noise=2e-3, samples=1600, step_s=0.02):
     return {"drive_v": pushed, "response_v": angle + noise * generator.standard_normal(samples)}, step_s
 
 
-def bounce(seed, play=0.0, noise=2e-3, samples=1600, step_s=0.02):
-    """A mass on a spring of 5 rad/s, behind a drive of some play in rad/s2."""
+def bounce(seed, stop=0.0, play=0.0, noise=2e-3, samples=1600, step_s=0.02):
+    """A mass on a spring of 5 rad/s, another of `stop` 1/s2 beyond 0.2, a drive of some play in rad/s2."""
     generator = np.random.default_rng(seed)
     pushed = 5.0 * wander(generator, samples, 40)
     acts = np.empty((samples - 1) * FINE)
@@ -139,7 +139,7 @@ def bounce(seed, play=0.0, noise=2e-3, samples=1600, step_s=0.02):
         acts[step] = np.clip(acts[step - 1], now - play, now + play) if step else now
 
     def pull(k, i, x, v):
-        return acts[min(k * FINE + i, len(acts) - 1)] - 25.0 * x - 0.8 * v
+        return acts[min(k * FINE + i, len(acts) - 1)] - 25.0 * x - 0.8 * v - stop * max(x - 0.2, 0.0)
 
     way = integrate(pull, samples, step_s)
     return {"drive_v": pushed, "response_v": way + noise * generator.standard_normal(samples)}, step_s

@@ -35,7 +35,7 @@ SIZES = {
     "coulomb_friction": lambda its, plant: its["share"] * plant.output_scale / plant.time_scale_s**2,
     "valve_asymmetry": lambda its, plant: its["asymmetry"],
     "valve_rate_limit": lambda its, plant: plant.output_scale / plant.time_scale_s / its["slowness"],
-    "cubic_stiffness": lambda its, plant: its["share"] / plant.output_scale**2,
+    "cubic_stiffness": lambda its, plant: -its["swing"] / 6.0 / plant.output_scale**2,
     "actuator_lag": lambda its, plant: its["paces"] * plant.time_scale_s,
     "sign_blind_sensor": lambda its, plant: its["share"],
     "transport_delay": lambda its, plant: its["periods"] * 2.0 * np.pi * plant.time_scale_s,
@@ -51,7 +51,7 @@ PLANTED = {
     "an uneven lag": ((lag, {"asymmetry": 0.3, "samples": 1400}), {"valve_asymmetry": approx(0.3, abs=0.02)}),
     "the rate limit of a lag": ((lag, {"fastest": 2.5, "samples": 2000}), {"valve_rate_limit": approx(250, rel=0.05)}),
     "dry friction of a joint": ((joint, {"coulomb": 2.0, "samples": 2000}), {"coulomb_friction": approx(2.0, rel=0.1)}),
-    "the softening spring of a pendulum": ((pendulum, {}), {"cubic_stiffness": approx(-1.0 / 6.0, rel=0.15)}),
+    "the softening spring of a pendulum": ((pendulum, {}), {"cubic_stiffness": approx(-1.0 / 6.0, rel=0.02)}),
     "the late air of a joint": (
         (joint, {"late": 8, "samples": 2000}),
         {"transport_delay": approx(0.08, abs=0.002), "stiffness": approx(20.0, rel=0.05)},
@@ -114,16 +114,23 @@ def test_friction_of_a_motor_is_named_and_none_in_a_chamber(given, named):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("play", [0.6, 0.0])
-def test_a_play_of_the_drive_is_named_with_its_size(play):
+@pytest.mark.parametrize(
+    ("given", "named"), [({"stop": 75.0}, "end_stiffening"), ({"play": 0.6}, "hysteresis"), ({}, None)]
+)
+def test_a_stop_and_a_play_of_the_drive_are_named_with_their_sizes(given, named):
     plant = read_plant("second_order", input="drive_v", output="response_v")
-    found, names = look(build_records(*tabulate(*bounce(1, play=play)), plant))
+    found, names = look(build_records(*tabulate(*bounce(1, **given)), plant))
     (state,) = found.outputs
-    assert names == (["hysteresis"] if play else [])
+    assert names == ([named] if named else [])
     assert state.ratio(state.current.raw) < 1.1
-    if play:
-        drive_scale = state.output.plant.output_scale / state.output.plant.time_scale_s**2
-        assert read_values(state)[1]["hysteresis"]["half_width"] * drive_scale == approx(play, rel=0.1)
+    constants, effects = read_values(state)
+    scale, squared_pace = state.output.plant.output_scale, state.output.plant.time_scale_s**2
+    if named == "end_stiffening":
+        place = scale / effects[named]["scale_over_place"]
+        assert place + constants["output_offset"] == approx(0.2, abs=0.02)
+        assert effects[named]["stiffness"] / squared_pace == approx(75.0, rel=0.1)
+    elif named:
+        assert effects[named]["half_width"] * scale / squared_pace == approx(0.6, rel=0.1)
 
 
 @pytest.mark.slow
@@ -176,7 +183,11 @@ def test_a_name_beside_a_spring_that_may_soften_no_further_is_doubted(monkeypatc
         first = form.parameters[0]
         return replace(form, parameters=(replace(first, low=-0.05),)) if form.name == "cubic_stiffness" else form
 
-    monkeypatch.setattr(WholeRecordChannel, "forms", property(lambda output: tuple(map(soften, offered(output)))))
+    def list_forms(output):
+        others = [each for each in offered(output) if each.form != "pendulum" and each.name != "end_stiffening"]
+        return tuple(map(soften, others))
+
+    monkeypatch.setattr(WholeRecordChannel, "forms", property(list_forms))
     named = look(build_records(*tabulate(*pendulum(1)), read_plant("second_order")))[0].named
     beside = [each.probability for each in named if each.name != "cubic_stiffness"]
     assert 0 < len(beside) < len(named)

@@ -46,6 +46,7 @@ def test_between_samples_an_input_is_held_straight_or_smooth():
     assert (refine(signal, 4, "held")[:17] == np.repeat(signal[:3], 8)[:17]).all()
 
 
+STOP = {"scale_over_place": 2.5, "stiffness": 3.0}
 RATES = {
     "duffing": ({"share": 0.8}, lambda x, w, z: -0.8 * x**3),
     "linear_damping": ({"share": 0.3}, lambda x, w, z: -0.3 * w),
@@ -55,6 +56,10 @@ RATES = {
         {"share": 0.1, "sliding": 0.2, "rise": 0.8, "falling": 0.3},
         lambda x, w, z: -0.1 * np.tanh(w / 0.2) * (1.0 + 0.8 / (1.0 + (w / 0.3) ** 2)),
     ),
+    "pendulum": ({"swing": 0.0225}, lambda x, w, z: x - np.sin(0.15 * x) / 0.15),
+    "upper_stop": (STOP, lambda x, w, z: -3.0 * max(x - 0.4, 0.0)),
+    "lower_stop": (STOP, lambda x, w, z: -3.0 * min(x + 0.4, 0.0)),
+    "two_stops": (STOP, lambda x, w, z: -3.0 * (max(x - 0.4, 0.0) + min(x + 0.4, 0.0))),
     "bouc_wen_spring": ({"share": 0.5, "turning": 0.2}, lambda x, w, z: -0.5 * z),
 }
 
@@ -72,7 +77,7 @@ def test_motion_agrees_with_an_adaptive_solver(effect, generator):
         return OMEGA * np.array([w, drive - x - 0.1 * w + more(x, w, z), turned])
 
     truth = 0.3 * solve(rates, np.zeros(3), instants)[0]
-    moved = answer(signal, terms_of((effect, values)), substeps=16)
+    moved = answer(signal, terms_of((effect, values)), substeps=64)
     assert np.abs(moved).max() > 0.3
     assert moved == pytest.approx(truth, abs=2e-4 * np.abs(moved).max())
 
