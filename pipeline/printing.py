@@ -111,6 +111,11 @@ def format_value(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
+def format_p(p: float) -> str:
+    """Return in words what a p-value is, as far as it can be told: not below 0.0001."""
+    return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
+
+
 def show_percent(frame: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:
     """Return a frame as it is to be read: ratios whose unit is said to be % in per cent."""
     parts = [name for name, unit in units.items() if unit == "%" and name in frame.columns]

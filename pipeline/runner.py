@@ -270,7 +270,7 @@ class Runner:
         for table in stage.writes:
             path = tables / f"{table.name}.parquet"
             table.write(results[table.name], path)
-            record["tables"][table.name] = measure_file(path)
+            record["tables"][table.name] = {**measure_file(path), "low": table.lows}
         seconds = time.monotonic() - start
         record.update(status="done", files=context.files, ended=now(), seconds=round(seconds, 3))
         ledger.save()
@@ -423,7 +423,7 @@ def run_study(
 
 
 def _read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict[str, dict[str, Any]]:
-    """Return ``value`` (None without one), ``title``, ``unit``, ``percent`` of each metric whose table the run has."""
+    """Return ``value`` (or None), ``title``, ``unit``, ``percent``, ``low`` of each metric whose table the run has."""
     contracts = list_tables(each for each in stages if ledger.finished(each.name))
     found = {}
     for name, metric in study.settings.workflow.metrics.items():
@@ -434,11 +434,11 @@ def _read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict
             for column, value in rules.items():
                 frame = frame[frame[column].isin(value if isinstance(value, list) else [value]) == wanted]
         declared = contracts[metric.table].columns[metric.column]
-        said = {"title": metric.title, "percent": declared["percent"]}
+        said = {"title": metric.title or None, "percent": declared["percent"] or None, "low": declared["low"]}
         found[name] = {
             "value": _reduce(frame[metric.column].dropna(), metric.by),
             "unit": declared["unit"],
-            **{key: value for key, value in said.items() if value},
+            **{key: value for key, value in said.items() if value is not None},
         }
     return found
 

@@ -109,6 +109,15 @@ class Table:
             {name: declare(each) for name, each in self.columns.items()}, strict=True, ordered=True
         )
 
+    @property
+    def lows(self) -> dict[str, float]:
+        """The least value that each column of fractions can have, where it has one."""
+        return {
+            name: each["low"]
+            for name, each in self.columns.items()
+            if each["dtype"] is float and each["low"] is not None
+        }
+
     @cached_property
     def empty(self) -> bytes:
         """The file that holds no row."""

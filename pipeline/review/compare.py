@@ -29,7 +29,7 @@ from pipeline.printing import (
     shorten,
     show_metric,
 )
-from pipeline.review.curves import Curves, make_curves
+from pipeline.review.curves import Curves, find_interval, make_curves
 from pipeline.review.kept import (
     list_headlines,
     list_tables,
@@ -63,8 +63,9 @@ def review(options: argparse.Namespace, console: Console) -> None:
     curves, complaints = make_curves(found.ledgers, found.nested, found.flat)
     for place, each in enumerate(replace(found, most=COLUMNS_OF_A_TERMINAL).differences()):
         rows = options.rows or (MOST_ROWS if place < SEEN_FIRST else MOST_SEEN)
-        if each.frame.empty or (len(each.frame) > rows and not options.rows):
-            say(each.title, console)
+        left_out = len(each.frame) > rows and not options.rows
+        if each.frame.empty or left_out:
+            say(f"{each.title} (--rows {len(each.frame)} shows them)" if left_out else each.title, console)
         else:
             print_frame(each.title, each.frame, console, rows, "--rows")
     for told in complaints:
@@ -122,7 +123,8 @@ def _list_lines(curves: Curves) -> dict[str, Any]:
     for line in curves.lines:
         row = [line.label, format_range(line.points["n"]), len(line.runs)]
         for _, point in line.points.iloc[[0, -1]].iterrows():
-            band = "" if pd.isna(point["half"]) else f" ± {point['half']:.2g}"
+            low, high = find_interval(point["mean"], point["half"], curves.floor)
+            band = "" if pd.isna(point["half"]) else f" ({low:.3g} to {high:.3g})"
             row.append(f"{point['mean']:.4g}{band} at {point['x']:g}")
         rows.append(row)
     return make_rows(["line", "n at each point", "runs", f"first: {curves.y}", f"last: {curves.y}"], rows)

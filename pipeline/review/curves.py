@@ -39,13 +39,17 @@ class Line(NamedTuple):
 
 
 class Curves(NamedTuple):
-    """All series of one declared curve, in the order of the runs; its axes with units, and what lines and bands are."""
+    """All series of one declared curve, in the order of the runs; its axes with units, and what lines and bands are.
+
+    No value of y is below the `floor`, minus infinity where none is known.
+    """
 
     name: str
     x: str
     y: str
     lines: list[Line]
     told: str
+    floor: float
 
 
 def half_width(spread: pd.Series, count: pd.Series) -> pd.Series:
@@ -54,6 +58,11 @@ def half_width(spread: pd.Series, count: pd.Series) -> pd.Series:
 
     half: pd.Series = spread * stdtrit(count - 1, (1 + CONFIDENCE) / 2) / np.sqrt(count)
     return half
+
+
+def find_interval(mean: Any, half: Any, floor: float) -> tuple[Any, Any]:
+    """Return the ends of 95 % intervals of means, of which none is below what the values can be."""
+    return np.maximum(mean - half, floor), mean + half
 
 
 def _name_groups(configs: Sequence[Mapping[str, str]], groups: Sequence[int]) -> dict[int, str]:
@@ -115,6 +124,7 @@ def _make(
     seen: set[tuple[int, str]] = set()
     twins = []
     units: dict[str, str] = {}
+    low = -np.inf
     for ledger, group in zip(ledgers, groups, strict=True):
         kept = list_tables(ledger).get(curve.table)
         read = read_whole_table(ledger, curve.table) if kept else None
@@ -125,23 +135,30 @@ def _make(
             continue
         seen.add((group, kept["sha256"]))
         frame, units = average_repeats(read[0], curve), read[1]
+        low = kept.get("low", {}).get(curve.y, low)
         if not frame.empty:
             frames.setdefault(group, {})[ledger.name] = frame
-    lines = [
-        Line(", ".join(filter(None, (value, labels[group]))) or curve.y, [*found], points)
-        for group, found in frames.items()
-        for value, points in split_series(pd.concat(found.values()), curve)
-    ]
-    if not lines:
+    same: dict[tuple[str, bytes], list[tuple[int, list[str], pd.DataFrame]]] = {}
+    for group, found in frames.items():
+        for value, points in split_series(pd.concat(found.values()), curve):
+            same.setdefault((value, points.to_numpy().tobytes()), []).append((group, [*found], points))
+    if not same:
         return None
+    lines = []
+    for (value, _), those in same.items():  # such as a control, which does not have what groups differ in
+        named = " = ".join(labels[group] for group, _, _ in those) if len(those) < len(frames) or not value else ""
+        runs = [run for _, found, _ in those for run in found]
+        lines.append(Line(", ".join(filter(None, (value, named))) or curve.y, runs, those[0][2]))
     where = "".join(f", {key} {value}" for key, value in curve.where.items())
     repeats = " x ".join(["runs", *(f"{each}s" for each in curve.repeats)])
     told = f"{curve.y} over {curve.x} from table {curve.table}{where}. "
     told += f"Lines are means, bands 95 % intervals of the mean (t) over {repeats}; a line without band has n = 1"
+    told += ", a band may be wider than the frame"
     if twins:
         told += f"; counted once, as its table is that of another run to the byte: {', '.join(twins)}"
     x = add_unit(curve.x, units.get(curve.x, "1"))
-    return Curves(name, x, add_unit(curve.title or curve.y, units.get(curve.y, "1")), lines, told)
+    floor = low * (100.0 if units.get(curve.y) == "%" else 1.0)
+    return Curves(name, x, add_unit(curve.title or curve.y, units.get(curve.y, "1")), lines, told, floor)
 
 
 def average_repeats(frame: pd.DataFrame, curve: Curve) -> pd.DataFrame:

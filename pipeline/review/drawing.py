@@ -12,7 +12,7 @@ import pandas as pd
 
 from pipeline.page import Picture
 from pipeline.printing import add_unit, format_range, shorten
-from pipeline.review.curves import Curves, half_width
+from pipeline.review.curves import Curves, find_interval, half_width
 from pipeline.review.selection import order_of, read_number
 from pipeline.review.sweep_view import Sweep
 
@@ -38,11 +38,14 @@ def draw_curves(curves: Curves) -> Picture:
     lines = curves.lines[:MOST_LINES]
     rows = -(-len(lines) // 2)
     figure, axes = _new_figure(6.0, 3.7 + 0.19 * rows)
+    ends = np.full(2, np.nan)
     for index, line in enumerate(lines):
         points = line.points
         x, mean, half = (points[each].to_numpy() for each in ("x", "mean", "half"))
         colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
-        axes.fill_between(x, mean - half, mean + half, color=colour, alpha=0.16, lw=0)
+        low, high = find_interval(mean, half, curves.floor)
+        axes.fill_between(x, low, high, color=colour, alpha=0.16, lw=0)
+        ends = np.array([np.fmin(ends[0], mean.min()), np.fmax(ends[1], mean.max())])
         style = STYLES[(index // len(COLOURS)) % len(STYLES)]
         label = _shorten_label(_shorten_middle(line.label, LONGEST_LINE_LABEL), LONGEST_LINE_LABEL)
         every = max(1, len(x) // 15)
@@ -50,6 +53,9 @@ def draw_curves(curves: Curves) -> Picture:
     axes.set(xlabel=curves.x, ylabel=curves.y)
     if all(float(each).is_integer() for line in lines for each in line.points["x"]):
         axes.xaxis.get_major_locator().set_params(integer=True)
+    room = 0.4 * (ends[1] - ends[0]) or 0.1 * abs(ends[0]) or 1.0  # a band of two values is wide enough to hide lines
+    bottom, top = axes.get_ylim()
+    axes.set_ylim(max(bottom, ends[0] - room), min(top, ends[1] + room))
     figure.legend(loc="outside lower left", ncols=2, fontsize=8, frameon=False, borderpad=0.1)
     left = len(curves.lines) - len(lines)
     return _make_picture(figure, f"{curves.told}{f'; {left} more lines are in the table alone' if left else ''}.")
@@ -67,12 +73,12 @@ def draw_metrics(sweep: Sweep) -> Iterator[tuple[str, list[Picture], str]]:
         elif drawn >= MOST_PICTURES:
             yield head, [], f"{drawn} pictures are enough for a page: see the table"
         else:
-            pictures = [*_draw_metric(sweep, head, points)]
+            pictures = [*_draw_metric(sweep, metric, head, points)]
             drawn += len(pictures)
             yield head, pictures, f"not drawn over {', '.join(left)}" if left else ""
 
 
-def _draw_metric(sweep: Sweep, head: str, points: pd.DataFrame) -> Iterator[Picture]:
+def _draw_metric(sweep: Sweep, metric: str, head: str, points: pd.DataFrame) -> Iterator[Picture]:
     axes = [each for each in sweep.axes if len(set(points[each])) > 1][:MOST_AXES]
     if not axes:
         points, axes = points.assign(jobs="all"), ["jobs"]
@@ -80,10 +86,13 @@ def _draw_metric(sweep: Sweep, head: str, points: pd.DataFrame) -> Iterator[Pict
     for one, other in combinations(small, 2):
         yield _draw_grid(points, one, other, head, [each for each in sweep.axes if each not in (one, other)])
     for axis in axes:
-        yield _draw_axis(points, axis, head, [each for each in axes if each != axis], sweep.seeds)
+        others = [each for each in axes if each != axis]
+        yield _draw_axis(points, axis, head, others, sweep.seeds, sweep.floor(metric))
 
 
-def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str], seeds: Sequence[str]) -> Picture:
+def _draw_axis(
+    points: pd.DataFrame, axis: str, head: str, others: Sequence[str], seeds: Sequence[str], floor: float
+) -> Picture:
     labels = sorted(points[axis].unique(), key=order_of)
     summary = points.groupby(axis)["value"].agg(["mean", "min", "max", "count", "std"]).loc[labels]
     numbers = [read_number(each) for each in labels]
@@ -95,10 +104,10 @@ def _draw_axis(points: pd.DataFrame, axis: str, head: str, others: Sequence[str]
     mean = summary["mean"].to_numpy()
     if summary["count"].max() > 1:
         if others:
-            down, up = mean - summary["min"].to_numpy(), summary["max"].to_numpy() - mean
+            low, high = summary["min"].to_numpy(), summary["max"].to_numpy()
         else:
-            down = up = half_width(summary["std"], summary["count"]).to_numpy()
-        axes.errorbar(places, mean, np.vstack([down, up]), fmt="none", ecolor=BLUE, capsize=4, lw=1.4)
+            low, high = find_interval(mean, half_width(summary["std"], summary["count"]).to_numpy(), floor)
+        axes.errorbar(places, mean, np.vstack([mean - low, high - mean]), fmt="none", ecolor=BLUE, capsize=4, lw=1.4)
     axes.plot(places, mean, "D-" if numeric else "D", color=BLUE, ms=5.5, lw=1.4)
     if numeric:
         if places.min() > 0 and places.max() / places.min() >= 50:

@@ -80,7 +80,7 @@ def _write_page(sweep: Sweep) -> None:
     told = describe_extremes(sweep)
     typed = launches[-1].get("arguments") if launches else None
     more: list[Block] = []
-    if typed and any("not told apart" in each or "so few" in each for each in told):
+    if typed and any(each in one for each in ("not told apart", "so few", "no seed") for one in told):
         more = [("heading", TITLES["advice"]), ("prose", [propose_seeds(sweep, typed)])]
     making = [*shown, ("facts", _list_facts(sweep)), *_show_plan(sweep)]
     making.append(make_details("differences", _show_differences(sweep, done or [*jobs])))

@@ -11,8 +11,8 @@ import pandas as pd
 from pipeline.command import command_line
 from pipeline.errors import ConfigError, suggest
 from pipeline.flat import is_seed
-from pipeline.printing import SHOWN, format_value, show_percent
-from pipeline.review.curves import half_width
+from pipeline.printing import SHOWN, format_p, format_value, show_percent
+from pipeline.review.curves import find_interval, half_width
 from pipeline.review.selection import order_of
 from pipeline.runs import list_folders, list_ledgers, sweeps_folder
 from pipeline.sweeps.sweep_table import collect_sweep
@@ -105,6 +105,11 @@ class Sweep:
         """Return what a metric is called in words."""
         return self.described.get(metric, {}).get("title", metric)
 
+    def floor(self, metric: str) -> float:
+        """Return the least value that a metric can have, as it is to be read, or minus infinity."""
+        scale = 100.0 if self.units.get(metric) == "%" else 1.0
+        return scale * float(self.described.get(metric, {}).get("low", -np.inf))
+
     def points(self, metric: str) -> pd.DataFrame:
         """Return the jobs that have a metric as a number: it as it is to be read as ``value``, each axis as text."""
         shown = show_percent(self.frame[[metric]], self.units)[metric]
@@ -116,37 +121,44 @@ class Sweep:
 def describe_extremes(sweep: Sweep) -> list[str]:
     """Return in a sentence for each metric, the last first, with which values of a key it is least and most.
 
-    The key is the first that varies and is no seed. An analysis of variance tells whether that may be chance.
+    The key is the first that varies and is no seed. An analysis of variance tells whether that may be chance: of seeds,
+    which alone repeat by chance; jobs of the same seed that differ in another key are one value, their mean.
     """
     sentences = []
     for metric in reversed(sweep.metrics) if sweep.axes else []:
         key, unit = sweep.axes[0], f" {sweep.units.get(metric, '1')}".removesuffix(" 1")
-        points = sweep.points(metric)
+        points = sweep.points(metric).groupby([key, *sweep.seeds])["value"].mean().reset_index()
         found = points.groupby(key)["value"].agg(["mean", "std", "count"])
         if len(found) < 2 or found["mean"].nunique() < 2:
             continue
-        doubt = "so few jobs tell nothing of chance"
+        doubt = f"{'so few seeds tell' if sweep.seeds else 'no seed varies, which tells'} nothing of chance"
         if found["count"].min() > 1:
             p, test = compare_values(points, key)
-            doubt = f"{'' if p < 0.05 else 'not '}told apart (p = {p:.2g}, {test})"
+            doubt = f"{'' if p < 0.05 else 'not '}told apart ({format_p(p)}, {test})"
+            if np.isnan(p):
+                doubt = "seeds do not change the difference, which tells nothing of chance"
         found["half"] = half_width(found["std"], found["count"])
         told = []
         for value, row in found.loc[[found["mean"].idxmin(), found["mean"].idxmax()]].iterrows():
-            half = "" if np.isnan(row["half"]) else f" ± {row['half']:.2g}"
-            told.append(f"with {key}={value}, {row['mean']:.3g}{half}{unit}")
+            low, high = find_interval(row["mean"], row["half"], sweep.floor(metric))
+            band = "" if np.isnan(row["half"]) else f" ({low:.3g} to {high:.3g})"
+            told.append(f"with {key}={value}, {row['mean']:.3g}{band}{unit}")
         sentences.append(f"{sweep.title(metric)} is least {told[0]}, and most {told[1]}: {doubt}.")
     if sentences:
-        sentences.append("Means over jobs, with half of the mean's 95 % interval (t) where jobs repeat.")
+        seeds = ", in brackets the mean's 95 % interval (t) over seeds" if sweep.seeds else ""
+        sentences.append(f"Means over jobs{seeds}.")
     return sentences
 
 
 def compare_values(points: pd.DataFrame, key: str) -> tuple[float, str]:
     """Return the p-value of no difference between values of a key, and the name of the analysis of variance.
 
-    Where each value has one job for every choice of the other keys, as of seeds, jobs of one choice are a block.
+    Where each value has one job for every choice of the other keys, as of seeds, jobs of one choice are a block. It is
+    nan where repeats differ by rounding alone, so that there is no chance to tell a difference from.
     """
     from scipy.stats import f, f_oneway
 
+    rounding = 1e-9 * points["value"].abs().max()
     others = [each for each in points.columns if each not in (key, "value")]
     if others and not points.duplicated([key, *others]).any():
         crossed = points.set_index([*others, key])["value"].unstack().to_numpy()
@@ -156,10 +168,11 @@ def compare_values(points: pd.DataFrame, key: str) -> tuple[float, str]:
             between = blocks * crossed.mean(axis=0).var() * values / (values - 1)
             freedom = (values - 1) * (blocks - 1)
             within = (left**2).sum() / freedom
-            p = f.sf(between / within if within > 0 else np.inf, values - 1, freedom)
+            p = f.sf(between / within, values - 1, freedom) if np.abs(left).max() > rounding else np.nan
             return float(p), f"analysis of variance within the same {' and '.join(others)}"
     grouped = [values.to_numpy() for _, values in points.groupby(key)["value"]]
-    return float(f_oneway(*grouped).pvalue), "one-way analysis of variance"
+    alike = max(map(np.ptp, grouped)) <= rounding
+    return np.nan if alike else float(f_oneway(*grouped).pvalue), "one-way analysis of variance"
 
 
 def propose_seeds(sweep: Sweep, arguments: Sequence[str]) -> str:

@@ -145,14 +145,22 @@ def is_launched(sweep: Path) -> bool:
 def name_job(overrides: Sequence[str]) -> str:
     """Return the name of a job's folder: its overrides by key, but those that say nothing of what it computes.
 
-    Where that is no name for a folder, or too long, it is as near to it as can be, and a hash.
+    Where that is no name for a folder, or too long, it is as near to it as can be, and a hash: of each override as much
+    of the end, where its value stands, as all have room for.
     """
     telling = sorted(each for each in overrides if is_meaningful(each))
     plain = ",".join(telling) or "defaults"
     name = STRANGE.sub("_", plain)
     if name == plain and len(name) <= LONGEST_NAME:
         return name
+    fitting = (each for each in range(LONGEST_NAME, 1, -1) if _measure(telling, each) <= LONGEST_NAME)
+    room = next(fitting, 1)
+    name = STRANGE.sub("_", ",".join(each[-room:].lstrip(".") for each in telling))
     return f"{name[:LONGEST_NAME]}-{hash_json(plain)[:8]}"
+
+
+def _measure(overrides: Sequence[str], room: int) -> int:
+    return sum(min(len(each), room) + 1 for each in overrides)
 
 
 def is_meaningful(override: str) -> bool:

@@ -70,8 +70,8 @@ def collect_sweep(sweep: Path) -> tuple[pd.DataFrame, dict[str, dict[str, str]]]
 
 
 def _describe_metric(metric: Mapping[str, Any]) -> dict[str, str]:
-    shown = {"title": metric.get("title"), SHOWN: "%" if metric.get("percent") else None}
-    return {"unit": str(metric["unit"]), **{key: value for key, value in shown.items() if value}}
+    shown = {"title": metric.get("title"), SHOWN: "%" if metric.get("percent") else None, "low": metric.get("low")}
+    return {"unit": str(metric["unit"]), **{key: str(value) for key, value in shown.items() if value is not None}}
 
 
 def write_frame(sweep: Path, frame: pd.DataFrame, described: Mapping[str, dict[str, str]]) -> Path:

@@ -13,6 +13,7 @@ from scipy.stats import ttest_ind, ttest_rel
 from statsmodels.stats.anova import anova_lm
 
 from pipeline.files import TEMPORARY_SUFFIX
+from pipeline.printing import format_p
 from pipeline.review.sweep_view import Sweep, compare_values, describe_extremes, propose_seeds
 from tests.conftest import Command
 from tests.faults import ledger_of
@@ -264,8 +265,15 @@ def test_runs_that_differ_in_seed_alone_are_one_line_with_a_band(swept):
         pd.read_parquet(job(swept, f"seed={seed}", "counting.count=3") / "tables" / "numbers.parquet").iloc[:1]
         for seed in (0, 2)
     )["draw"]
-    half = 12.7062 * first.std() / 2**0.5
-    assert f"{first.mean():.4g} ± {half:.2g} at 0" in lines
+    mean, half = first.mean(), 12.7062 * first.std() / 2**0.5
+    assert f"{mean:.4g} ({max(mean - half, 0):.3g} to {mean + half:.3g}) at 0" in lines  # a draw is not below zero
+
+
+def test_groups_of_the_same_curve_are_one_line(copied):
+    assert copied("seed=5", "counting.label=other").returncode == 0
+    shown(copied, "compare", copied.runs[0].name, "latest", "--html", str(copied.outputs / "page.html"))
+    lines = re.search(r"n at each point.*?</table>", (copied.outputs / "page.html").read_text(), re.DOTALL).group()
+    assert [lines.count(each) for each in ("<tr>", "label=other")] == [1, 1]
 
 
 def test_a_copy_of_a_run_counts_once_and_runs_of_another_version_are_compared_as_far_as_can_be(copied):
@@ -303,12 +311,45 @@ def test_values_of_a_key_are_told_apart_or_not_in_blocks_of_the_same_seed(shift,
     jobs = {"job": list("abcdefgh"), "gain": [1] * 4 + [2] * 4, "seed": seeds, "status": "done"}
     found = Sweep(tmp_path, pd.DataFrame({**jobs, "score": score, "wall_s": 1.0}), {"score": {"unit": "m"}})
     sentences = describe_extremes(found)
-    assert sentences[0].startswith("score is least with gain=1, 1.02 ± 0.27 m, and most with gain=2, ")
+    assert sentences[0].startswith("score is least with gain=1, 1.02 (0.753 to 1.3) m, and most with gain=2, ")
     assert told in sentences[0]
     test = ttest_rel if crossed else ttest_ind
-    assert f"p = {test(score[:4], score[4:]).pvalue:.2g}, " in sentences[0]
+    assert f"{format_p(test(score[:4], score[4:]).pvalue)}, " in sentences[0]
+    assert ("p < 0.0001" in sentences[0]) == (shift > 0.0)
     told = propose_seeds(found, ["-m", "seed=0,1", "gain=1,2"])
     assert told.endswith(f"-m pipeline -m gain=1,2 'seed=range({2 * len({*seeds})})'")
+
+
+@pytest.mark.parametrize(
+    ("second", "score", "told"),
+    [
+        ({"patch": [0, 1, 0, 1]}, [1.4, 1.4, 1.5, 1.5], "1.5 m: no seed varies, which tells nothing of chance."),
+        (
+            {"seed": [0, 1, 0, 1]},
+            [1.4, 1.4, 1.5, 1.5],
+            "1.5 to 1.5) m: seeds do not change the difference, which tells",
+        ),
+        ({"seed": [0, 0, 0, 0], "patch": [0, 1, 0, 1]}, [1.4, 1.6, 1.5, 1.7], "1.6 m: no seed varies, which"),
+        (
+            {"seed": [0, 1, 2, 3]},
+            [1.4, 1.4, 1.5, 1.5],
+            "1.5 to 1.5) m: seeds do not change the difference, which tells",
+        ),
+    ],
+)
+def test_what_no_seed_changes_is_no_evidence(second, score, told, tmp_path):
+    jobs = {"job": list("abcd"), "share": [3, 3, 4, 4], **second, "status": "done"}
+    found = Sweep(tmp_path, pd.DataFrame({**jobs, "score": score, "wall_s": 1.0}), {"score": {"unit": "m"}})
+    assert told in describe_extremes(found)[0]
+
+
+def test_jobs_of_one_seed_that_differ_in_another_key_are_one_value(tmp_path):
+    jobs = {"job": [*range(8)], "share": [3] * 4 + [4] * 4, "seed": [0, 0, 1, 1] * 2, "patch": [0, 1] * 4}
+    scores = {"score": [0.1, 0.1, 0.2, 0.2, 0.2, 0.2, 0.4, 0.4], "wall_s": 1.0}
+    found = Sweep(tmp_path, pd.DataFrame({**jobs, "status": "done", **scores}), {"score": {"unit": "1", "low": "0"}})
+    told = describe_extremes(found)[0]
+    assert f"p = {ttest_rel([0.1, 0.2], [0.2, 0.4]).pvalue:.2g}, analysis of variance within the same seed" in told
+    assert "share=3, 0.15 (0 to 0.785), and" in told
 
 
 def test_blocks_of_three_values_are_analysed_as_by_regression(generator):

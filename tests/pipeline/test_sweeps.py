@@ -10,7 +10,7 @@ from importlib.util import find_spec
 import pandas as pd
 import pytest
 
-from pipeline.sweeps.launch import new_launch_name
+from pipeline.sweeps.launch import LONGEST_NAME, name_job, new_launch_name
 from tests.conftest import Command
 from tests.faults import check_wholeness, ledger_of, limit_file_size, tables_of, wait_until
 from tests.pipeline.conftest import (
@@ -329,3 +329,11 @@ def test_slurm_is_refused_in_a_line_where_it_is_not(tmp_path):
         assert line.startswith("hydra/launcher=slurm: no sbatch here; type the command on a login node")
     mistyped = the_only_line(sweeping("seed=0,1", "hydra.launcher.timeout=5"))
     assert mistyped == "unknown key 'hydra.launcher.timeout': did you mean 'timeout_min'?"
+
+
+def test_a_long_name_keeps_the_end_of_each_override_where_its_value_stands():
+    same = [f"columns.name_of_signal_{each}=column_{each}" for each in "abcdefgh"]
+    one, other = (name_job([*same, f"discrepancy.verification_share={share}", "seed=1"]) for share in (0.3, 0.4))
+    assert ("share=0.3," in one, "share=0.4," in other) == (True, True)
+    assert len(one.rpartition("-")[0]) <= LONGEST_NAME
+    assert name_job(["seed=1", *reversed(same)]) == name_job([*same, "seed=1"])
