@@ -12,6 +12,7 @@ import base64
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -19,7 +20,7 @@ import pandas as pd
 
 from pipeline.command import split_command
 from pipeline.files import write_text
-from pipeline.printing import add_unit, format_value
+from pipeline.printing import add_unit, format_value, is_numeric
 
 if TYPE_CHECKING:
     from jinja2 import Environment
@@ -90,7 +91,7 @@ def _environment() -> Environment:
         "split_command": split_command,
         "with_unit": add_unit,
         "unbroken": lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%"),
-        "exact": lambda value: "" if value is None or value != value else repr(float(value)),
+        "exact": lambda value: repr(float(value)) if isinstance(value, Real) and value == value else "",
         "base64": lambda png: base64.b64encode(png).decode(),
     }
     return environment
@@ -110,7 +111,7 @@ def make_grid(
     names = [str(each) for each in frame.columns]
     return {
         "columns": [(name, units.get(name, "1"), meanings.get(name, "")) for name in names],
-        "numeric": [bool(pd.api.types.is_numeric_dtype(frame[each])) for each in frame.columns],
+        "numeric": [is_numeric(frame[each]) for each in frame.columns],
         "rows": list(frame.itertuples(index=False)),
         "links": list(links),
     }

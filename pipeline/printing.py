@@ -12,6 +12,8 @@ from rich.text import Text
 from pipeline.command import split_command
 
 ROWS_SHOWN_WHOLE = 60
+LEAST_CHANCE = 1e-4
+"""What a probability can be told to be below, or to be below 1 by: numerics and data tell no more."""
 LEAST_TEXT = 14
 """Characters of a column of text up to which it is narrowed before others are left out."""
 SHOWN = "shown in"
@@ -33,10 +35,8 @@ def print_frame(
     cells = frame.head(limit).map(format_value)
     names = _choose_columns(cells, frame, console.width)
     for name in names:
-        numeric = pd.api.types.is_numeric_dtype(frame[name])
-        shown.add_column(
-            Text(str(name)), justify="right" if numeric else "left", overflow="fold", no_wrap=bool(numeric)
-        )
+        numeric = is_numeric(frame[name])
+        shown.add_column(Text(str(name)), justify="right" if numeric else "left", overflow="fold", no_wrap=numeric)
     for row in cells[names].itertuples(index=False):
         shown.add_row(*map(Text, row))
     console.print(shown, markup=False)
@@ -54,7 +54,7 @@ def _choose_columns(cells: pd.DataFrame, frame: pd.DataFrame, width: int) -> lis
     left = width - 2
     for name in frame.columns:
         longest = max([len(str(name)), *map(len, cells[name])])
-        numeric = pd.api.types.is_numeric_dtype(frame[name])
+        numeric = is_numeric(frame[name])
         left -= 3 + (longest if numeric else max(len(str(name)), min(longest, LEAST_TEXT)))
         if left < 0 and names:
             break
@@ -76,6 +76,12 @@ def print_sentences(sentences: Sequence[str], console: Console) -> None:
 def is_prose(frame: pd.DataFrame) -> bool:
     """Return whether a table is a list of sentences: one column of text."""
     return len(frame.columns) == 1 and not pd.api.types.is_numeric_dtype(frame.iloc[:, 0])
+
+
+def is_numeric(values: pd.Series) -> bool:
+    """Return whether a column is of numbers, also where some are told as text, as by `format_chance`."""
+    told = [isinstance(each, float) or str(each)[:2] in ("< ", "> ") for each in values]
+    return pd.api.types.is_numeric_dtype(values) or (bool(told) and all(told))
 
 
 def shorten(text: str, most: int) -> str:
@@ -111,9 +117,15 @@ def format_value(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
+def format_chance(value: float) -> float | str:
+    """Return a number from 0 to 1, or in text that it is nearer to an end than can be told."""
+    low, high = 0.0 < value < LEAST_CHANCE, 1.0 - LEAST_CHANCE < value < 1.0
+    return f"< {LEAST_CHANCE:.4f}" if low else f"> {1.0 - LEAST_CHANCE}" if high else value
+
+
 def format_p(p: float) -> str:
-    """Return in words what a p-value is, as far as it can be told: not below 0.0001."""
-    return "p < 0.0001" if p < 1e-4 else f"p = {p:.2g}"
+    """Return in words what a p-value is, as far as it can be told."""
+    return f"p < {LEAST_CHANCE:.4f}" if p < LEAST_CHANCE else f"p = {p:.2g}"
 
 
 def show_percent(frame: pd.DataFrame, units: Mapping[str, str]) -> pd.DataFrame:

@@ -18,7 +18,7 @@ import pyarrow.parquet
 
 from pipeline.errors import TableError
 from pipeline.files import hash_file, write_atomically
-from pipeline.printing import SHOWN, show_percent
+from pipeline.printing import SHOWN, format_chance, show_percent
 
 TEXT = pd.Series(["a"]).dtype
 """What pandas takes for text."""
@@ -193,10 +193,15 @@ class Table:
         return self.check(read_frame(path), str(path))
 
     def show(self, frame: pd.DataFrame) -> tuple[pd.DataFrame, dict[str, str]]:
-        """Return a frame as it is to be read, ratios that are so declared in per cent, and the units of its columns."""
+        """Return a frame as it is to be read, and the units of its columns.
+
+        Ratios are in per cent where that is declared, those from 0 to 1 as far as they can be told.
+        """
         shown = [(name, each) for name, each in self.columns.items() if name in frame.columns]
         units = {name: "%" if each["percent"] else each["unit"] for name, each in shown}
-        return show_percent(frame, units), units
+        chances = [name for name, each in shown if (each["low"], each["high"], units[name]) == (0, 1, "1")]
+        told = {name: frame[name].map(format_chance) for name in chances if self.columns[name]["dtype"] is float}
+        return show_percent(frame, units).assign(**told), units
 
 
 TITLES = {"remark": "What to bear in mind", "finding": "What was found", "advice": "What to do next"}

@@ -40,12 +40,17 @@ from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 SIGNALS = ["muscle", "time_s", *MODEL_INPUTS]
 SELECTED_INPUTS = Table(
     "selected_inputs",
-    "An input of the models that is not measured: whether there is evidence for it",
+    "An input of the models that is not measured: whether the models with most evidence have it (selected), and how "
+    "sure that is (evidence)",
     {
         "input": column(str, "as in model.inputs", among=[name for name, each in FEATURES.items() if each.follow]),
         "assumed": column(bool, "whether the designed trials' models have it"),
         "selected": column(bool, "whether the models with most evidence have it"),
-        "evidence": column(float, "log evidence that is lost if this is decided the other way (nats)", low=0),
+        "evidence": column(
+            float,
+            "for what is selected, to have it or not: log evidence that is lost if it is decided the other way (nats)",
+            low=0,
+        ),
     },
     key=("input",),
 )
@@ -56,7 +61,7 @@ SELECTED_CONSTANTS = Table(
         "constant": column(str, "as in model.constants", among=list(CONSTANTS)),
         "assumed": column(float, "as configured, in the unit that model.constants tells", low=0),
         "selected": column(float, "with most evidence, in the same unit", low=0),
-        "octaves": column(float, "the second over the first, as a power of two"),
+        "octaves": column(float, "how often assumed is doubled to give selected: 0 the same, 1 twice, -1 half"),
     },
     key=("constant",),
 )
@@ -245,19 +250,18 @@ def describe_selection(
         for row in moved
     ]
     rates = [
-        f"{100 * now:.3g} % on {TEST_WORDS[str(name)]} ({100 * before:.3g} %)"
+        f"{100 * now:.3g} % instead of {100 * before:.3g} % on {TEST_WORDS[str(name)]}"
         for name, before, now in average_errors(errors).itertuples(name=None)
     ]
-    told = [
-        "The designed trials are evidence for other inputs or constants of the models: "
-        f"{'; '.join(changes)} (log evidence +{found.gain:,.1f}). With these the models of {of} err by "
-        f"{', '.join(rates)}; in brackets as they were assumed."
+    with_these = f"{'; '.join(changes)} (log evidence +{found.gain:,.1f})"
+    err = f"the models of {of} err by {', '.join(rates)}"
+    if sure and is_better(errors):
+        return [f"The designed trials are evidence for other inputs or constants: {with_these}. With these {err}."]
+    but = "errors do not fall both on the task and on average" if sure else "that is too little evidence"
+    return [
+        f"Keep the inputs and constants of the models as they were assumed. Others fit the designed trials better, but "
+        f"{but}: {with_these}. With these {err}."
     ]
-    if not sure:
-        told.append("That is too little evidence to change them.")
-    elif not is_better(errors):
-        told.append("They do not err less: keep what was assumed until more trials tell.")
-    return told
 
 
 def average_errors(errors: pd.DataFrame) -> pd.DataFrame:

@@ -1,9 +1,11 @@
 """Inputs and constants of the models by designed trials of the tiny budget that begin with a wrong one."""
 
+from types import SimpleNamespace
+
 import pandas as pd
 import pytest
 
-from stages.identification.model_selection import is_better
+from stages.identification.model_selection import describe_selection, is_better
 from tests.studies import read_stages, run_stage
 
 CHAIN = ["bank", "subsampling", "hyperprior", "task", "hardware", "active_loop", "model_selection", "comparison"]
@@ -38,6 +40,11 @@ def test_a_selection_without_less_error_is_not_advised(found):
     assert not is_better(errors.assign(selected=errors["assumed"]))
     worse = errors["selected"].where(errors["tested_on"] != "task", 1.01 * errors["assumed"])
     assert not is_better(errors.assign(selected=worse))
+    tables = found["selected_inputs"], found["selected_constants"], errors.assign(selected=worse)
+    told = describe_selection(*tables, SimpleNamespace(gain=60.1), "the same trials", sure=True)
+    assert told[0].startswith(
+        "Keep the inputs and constants of the models as they were assumed. Others fit the designed"
+    )
 
 
 def test_what_is_tried_and_found_is_told_with_what_to_type(found):
@@ -51,5 +58,5 @@ def test_what_is_tried_and_found_is_told_with_what_to_type(found):
     assert constants["selected"].to_list() == [best[name] for name in constants["constant"]]
     assert best["score"] > tried["score"].iloc[0] + 3.0
     sentences = found["selection_findings"]["sentence"]
-    assert "also contraction_stop" in sentences[0]
+    assert sentences[0].startswith("The designed trials are evidence for other inputs or constants: also contraction_")
     assert f"'model.inputs=[{best['inputs']}]'" in found["selection_advice"]["sentence"][0]

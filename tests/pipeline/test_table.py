@@ -14,6 +14,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from pipeline.errors import TableError
+from pipeline.page import make_grid
+from pipeline.printing import format_value
 from pipeline.table import Table, column, read_frame
 from tests.faults import overwrite
 
@@ -363,3 +365,14 @@ def test_an_optional_column_may_be_absent_as_a_whole_and_is_checked_where_it_is_
             table.check(pd.DataFrame({"a": [1], "b": [bad], "c": [2]}), "here")
     with pytest.raises(TableError, match="lacks c; expected columns a, b, c"):
         table.check(pd.DataFrame({"a": [1]}), "here")
+
+
+def test_chances_are_shown_as_far_as_they_can_be_told():
+    chance, share = (column(float, "from 0 to 1", low=0, high=1, percent=each) for each in (False, True))
+    table = Table("tried", "A try", {"p": chance, "part": share, "force": column(float, "force", unit="N", low=0)})
+    values = [4.3e-128, 0.25, 1.0 - 1e-12]
+    shown, units = table.show(pd.DataFrame({"p": values, "part": values, "force": values}))
+    assert [format_value(each) for each in shown["p"]] == ["< 0.0001", "0.25", "> 0.9999"]
+    assert [format_value(each) for each in shown["force"]] == ["4.3e-128", "0.25", "1"]
+    assert (units["part"], shown["part"][1]) == ("%", 25.0)
+    assert make_grid(shown)["numeric"] == [True] * 3
