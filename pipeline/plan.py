@@ -25,6 +25,10 @@ LONGEST_VALUE = 60
 """Characters of a value in a reason."""
 MOST_NAMED = 2
 """Changes of one kind that a reason names."""
+MOST_ALIKE = 5
+"""Keys in which an earlier result of a stage may differ for its difference to be a change."""
+MOST_WAITED = 3
+"""Tables that a reason to wait names."""
 MOST_COMPARED = 100
 """Earlier results of a stage, the newest, of which the most similar one tells what changed."""
 
@@ -202,6 +206,9 @@ def _describe_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[
     if not records:
         return "not made before"
     nearest = min(records, key=lambda record: sum(map(len, ingredients.differences(record).values())))
+    config = ingredients.differences(nearest)["config"]
+    if len(config) > MOST_ALIKE:
+        return f"not made before: the most similar result differs in {join_some(config, 1)}"
     return "; ".join(ingredients.changes(nearest)[:2])
 
 
@@ -254,7 +261,8 @@ def _plan_one(study: Study, stage: Stage, ledgers: Sequence[Ledger], hashes: Map
         return decide(stage, ingredients, ledgers)
     if own := _describe_changes(stage, ingredients, ledgers):
         return Step(stage, "run", own)
-    return Step(stage, "wait", f"fresh if {' and '.join(waiting)} come out unchanged")
+    named = " and ".join(waiting) if len(waiting) <= MOST_WAITED else join_some(waiting, MOST_WAITED)
+    return Step(stage, "wait", f"fresh if {named} come out unchanged")
 
 
 def _config_differences(old: Any, new: Any, path: str = "") -> list[str]:

@@ -49,6 +49,17 @@ def test_run_leaves_tables_figures_ledger_and_report(toy, reference):
     assert len(toy.runs) == 1
 
 
+def test_a_result_of_another_study_is_not_told_as_a_change():
+    old, new = ({f"key_{each}": value for each in range(6)} for value in (1, 2))
+    record = {"fingerprint": "-", "config": {"plant": old}, "inputs": {}, "code": {}, "libraries": {}}
+    stage = SimpleNamespace(name="fitting", writes=(), extent=())
+    ledgers = [SimpleNamespace(finished=lambda name: record)]
+    step = decide(stage, Ingredients({"plant": new}, {}, {}, {}, measured=False), ledgers)
+    assert step.reason == "not made before: the most similar result differs in plant.key_0 1 -> 2 and 5 more"
+    step = decide(stage, Ingredients({"plant": {**old, "key_0": 2}}, {}, {}, {}, measured=False), ledgers)
+    assert step.reason == "config changed (plant.key_0 1 -> 2)"
+
+
 def test_changed_key_reruns_just_the_stages_that_read_it(done):
     plan = done("plan=true", "doubling.digits=2").stdout
     assert "config changed (doubling.digits 16 -> 2)" in plan
