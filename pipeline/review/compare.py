@@ -371,5 +371,5 @@ def _find_key(frames: Sequence[pd.DataFrame]) -> list[str] | None:
 def _format_change(before: Any, after: Any) -> str:
     if not all(isinstance(each, int | float) and not isinstance(each, bool) for each in (before, after)):
         return ""
-    share = f" ({(after - before) / abs(before):+.1%})" if before else ""
+    share = f" (x {after / before:.3g})" if before and after / before > 0.0 else ""  # in % it would be % of %
     return f"{after - before:+.3g}{share}"

@@ -15,6 +15,7 @@ from pydantic import Field, PositiveInt
 
 from pipeline.config import Section
 from pipeline.context import Context
+from pipeline.printing import format_p
 from pipeline.stage import stage
 from pipeline.table import Table, column, sentences
 from stages.science.figures.canvas import spell_arm
@@ -352,7 +353,7 @@ def _compare_with(row: Mapping[Any, Any], reached: pd.Index, trials: int, after:
 
 def _describe_lead(row: Mapping[Any, Any]) -> str:
     ends = sorted(abs(100 * row[name]) for name in ("low", "high"))
-    doubt = f"95 % interval {ends[0]:.2g} to {ends[1]:.2g}, p = {row['p_holm']:.2g}, paired over experiments"
+    doubt = f"95 % interval {ends[0]:.2g} to {ends[1]:.2g}, {format_p(row['p_holm'])}, paired over experiments"
     lead = f"{100 * abs(row['difference']):.2g}"
     return f"better by {lead} point{'s' * (lead != '1')} ({doubt})"
 

@@ -257,7 +257,7 @@ def describe_selection(
     err = f"the models of {of} err by {', '.join(rates)}"
     if sure and is_better(errors):
         return [f"The designed trials are evidence for other inputs or constants: {with_these}. With these {err}."]
-    but = "errors do not fall both on the task and on average" if sure else "that is too little evidence"
+    but = "errors do not fall both on the task and over all test sets" if sure else "that is too little evidence"
     return [
         f"Keep the inputs and constants of the models as they were assumed. Others fit the designed trials better, but "
         f"{but}: {with_these}. With these {err}."
