@@ -117,9 +117,10 @@ def format_value(value: Any) -> str:
     return f"{value:.4g}" if isinstance(value, float) else str(value)
 
 
-def format_chance(value: float) -> float | str:
-    """Return a number from 0 to 1, or in text that it is nearer to an end than can be told."""
-    low, high = 0.0 < value < LEAST_CHANCE, 1.0 - LEAST_CHANCE < value < 1.0
+def format_chance(value: float, is_probability: bool = False) -> float | str:
+    """Return a number from 0 to 1, or in text that it is nearer to an end than can be told; a probability is no end."""
+    low = value < LEAST_CHANCE and (is_probability or value != 0.0)
+    high = value > 1.0 - LEAST_CHANCE and (is_probability or value != 1.0)
     return f"< {LEAST_CHANCE:.4f}" if low else f"> {1.0 - LEAST_CHANCE}" if high else value
 
 

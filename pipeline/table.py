@@ -8,7 +8,7 @@ so that no damage to it goes unnoticed: Parquet itself has no checksum for its f
 import hashlib
 from collections.abc import Collection, Mapping
 from dataclasses import dataclass
-from functools import cached_property
+from functools import cached_property, partial
 from pathlib import Path
 from typing import Any, Literal, TypedDict
 
@@ -200,7 +200,10 @@ class Table:
         shown = [(name, each) for name, each in self.columns.items() if name in frame.columns]
         units = {name: "%" if each["percent"] else each["unit"] for name, each in shown}
         chances = [name for name, each in shown if (each["low"], each["high"], units[name]) == (0, 1, "1")]
-        told = {name: frame[name].map(format_chance) for name in chances if self.columns[name]["dtype"] is float}
+        told = {}
+        for name in [each for each in chances if self.columns[each]["dtype"] is float]:
+            is_probability = "probability" in f"{name} {self.columns[name]['description']}"
+            told[name] = frame[name].map(partial(format_chance, is_probability=is_probability))
         return show_percent(frame, units).assign(**told), units
 
 

@@ -369,10 +369,16 @@ def test_an_optional_column_may_be_absent_as_a_whole_and_is_checked_where_it_is_
 
 def test_chances_are_shown_as_far_as_they_can_be_told():
     chance, share = (column(float, "from 0 to 1", low=0, high=1, percent=each) for each in (False, True))
-    table = Table("tried", "A try", {"p": chance, "part": share, "force": column(float, "force", unit="N", low=0)})
+    table = Table(
+        "tried",
+        "A try",
+        {"probability": chance, "p": chance, "part": share, "force": column(float, "force", unit="N", low=0)},
+    )
     values = [4.3e-128, 0.25, 1.0 - 1e-12]
-    shown, units = table.show(pd.DataFrame({"p": values, "part": values, "force": values}))
+    shown, units = table.show(pd.DataFrame({name: values for name in ("p", "part", "force")}))
     assert [format_value(each) for each in shown["p"]] == ["< 0.0001", "0.25", "> 0.9999"]
+    sure, _ = table.show(pd.DataFrame({"probability": [0.0, 1.0], "p": [0.0, 1.0]}))
+    assert [*sure["probability"], *sure["p"]] == ["< 0.0001", "> 0.9999", 0.0, 1.0]
     assert [format_value(each) for each in shown["force"]] == ["4.3e-128", "0.25", "1"]
     assert (units["part"], shown["part"][1]) == ("%", 25.0)
     assert make_grid(shown)["numeric"] == [True] * 3
