@@ -12,7 +12,6 @@ import base64
 import re
 from collections.abc import Iterable, Mapping, Sequence
 from functools import cache
-from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -91,7 +90,7 @@ def _environment() -> Environment:
         "split_command": split_command,
         "with_unit": add_unit,
         "unbroken": lambda text: text.replace(" %", "\N{NO-BREAK SPACE}%"),
-        "exact": lambda value: repr(float(value)) if isinstance(value, Real) and value == value else "",
+        "exact": lambda value: "" if value is None or value != value else repr(float(value)),
         "base64": lambda png: base64.b64encode(png).decode(),
     }
     return environment

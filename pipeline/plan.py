@@ -24,11 +24,9 @@ from pipeline.stage import Stage
 LONGEST_VALUE = 60
 """Characters of a value in a reason."""
 MOST_NAMED = 2
-"""Changes of one kind that a reason names."""
+"""Changes of one kind, or tables, that a reason names."""
 MOST_ALIKE = 5
 """Keys in which an earlier result of a stage may differ for its difference to be a change."""
-MOST_WAITED = 3
-"""Tables that a reason to wait names."""
 MOST_COMPARED = 100
 """Earlier results of a stage, the newest, of which the most similar one tells what changed."""
 
@@ -261,7 +259,7 @@ def _plan_one(study: Study, stage: Stage, ledgers: Sequence[Ledger], hashes: Map
         return decide(stage, ingredients, ledgers)
     if own := _describe_changes(stage, ingredients, ledgers):
         return Step(stage, "run", own)
-    named = " and ".join(waiting) if len(waiting) <= MOST_WAITED else join_some(waiting, MOST_WAITED)
+    named = " and ".join(waiting) if len(waiting) <= MOST_NAMED else join_some(waiting, MOST_NAMED)
     return Step(stage, "wait", f"fresh if {named} come out unchanged")
 
 

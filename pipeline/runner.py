@@ -433,8 +433,8 @@ def _read_metrics(ledger: Ledger, study: Study, stages: Sequence[Stage]) -> dict
         for wanted, rules in ((True, metric.where), (False, metric.but)):
             for column, value in rules.items():
                 frame = frame[frame[column].isin(value if isinstance(value, list) else [value]) == wanted]
-        declared = contracts[metric.table].columns[metric.column]
-        said = {"title": metric.title or None, "percent": declared["percent"] or None, "low": declared["low"]}
+        declared, low = contracts[metric.table].columns[metric.column], contracts[metric.table].lows.get(metric.column)
+        said = {"title": metric.title or None, "percent": declared["percent"] or None, "low": low}
         found[name] = {
             "value": _reduce(frame[metric.column].dropna(), metric.by),
             "unit": declared["unit"],

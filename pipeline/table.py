@@ -111,12 +111,9 @@ class Table:
 
     @property
     def lows(self) -> dict[str, float]:
-        """The least value that each column of fractions can have, where it has one."""
-        return {
-            name: each["low"]
-            for name, each in self.columns.items()
-            if each["dtype"] is float and each["low"] is not None
-        }
+        """The least value that columns can have, where they have one, in the unit in which `show` shows them."""
+        lows = {name: each["low"] for name, each in self.columns.items() if each["low"] is not None}
+        return {name: 100.0 * low if self.columns[name]["percent"] else low for name, low in lows.items()}
 
     @cached_property
     def empty(self) -> bytes:
@@ -199,11 +196,11 @@ class Table:
         """
         shown = [(name, each) for name, each in self.columns.items() if name in frame.columns]
         units = {name: "%" if each["percent"] else each["unit"] for name, each in shown}
-        chances = [name for name, each in shown if (each["low"], each["high"], units[name]) == (0, 1, "1")]
-        told = {}
-        for name in [each for each in chances if self.columns[each]["dtype"] is float]:
-            is_probability = "probability" in f"{name} {self.columns[name]['description']}"
-            told[name] = frame[name].map(partial(format_chance, is_probability=is_probability))
+        told = {
+            name: frame[name].map(partial(format_chance, is_probability="probability" in name + each["description"]))
+            for name, each in shown
+            if each["dtype"] is float and (each["low"], each["high"], units[name]) == (0, 1, "1")
+        }
         return show_percent(frame, units).assign(**told), units
 
 

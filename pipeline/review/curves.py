@@ -124,7 +124,7 @@ def _make(
     seen: set[tuple[int, str]] = set()
     twins = []
     units: dict[str, str] = {}
-    low = -np.inf
+    floor = -np.inf
     for ledger, group in zip(ledgers, groups, strict=True):
         kept = list_tables(ledger).get(curve.table)
         read = read_whole_table(ledger, curve.table) if kept else None
@@ -135,7 +135,7 @@ def _make(
             continue
         seen.add((group, kept["sha256"]))
         frame, units = average_repeats(read[0], curve), read[1]
-        low = kept.get("low", {}).get(curve.y, low)
+        floor = kept.get("low", {}).get(curve.y, floor)
         if not frame.empty:
             frames.setdefault(group, {})[ledger.name] = frame
     same: dict[tuple[str, bytes], list[tuple[int, list[str], pd.DataFrame]]] = {}
@@ -157,7 +157,6 @@ def _make(
     if twins:
         told += f"; counted once, as its table is that of another run to the byte: {', '.join(twins)}"
     x = add_unit(curve.x, units.get(curve.x, "1"))
-    floor = low * (100.0 if units.get(curve.y) == "%" else 1.0)
     return Curves(name, x, add_unit(curve.title or curve.y, units.get(curve.y, "1")), lines, told, floor)
 
 

@@ -38,14 +38,12 @@ def draw_curves(curves: Curves) -> Picture:
     lines = curves.lines[:MOST_LINES]
     rows = -(-len(lines) // 2)
     figure, axes = _new_figure(6.0, 3.7 + 0.19 * rows)
-    ends = np.full(2, np.nan)
     for index, line in enumerate(lines):
         points = line.points
         x, mean, half = (points[each].to_numpy() for each in ("x", "mean", "half"))
         colour, marker = COLOURS[index % len(COLOURS)], MARKERS[index % len(MARKERS)]
         low, high = find_interval(mean, half, curves.floor)
         axes.fill_between(x, low, high, color=colour, alpha=0.16, lw=0)
-        ends = np.array([np.fmin(ends[0], mean.min()), np.fmax(ends[1], mean.max())])
         style = STYLES[(index // len(COLOURS)) % len(STYLES)]
         label = _shorten_label(_shorten_middle(line.label, LONGEST_LINE_LABEL), LONGEST_LINE_LABEL)
         every = max(1, len(x) // 15)
@@ -53,9 +51,9 @@ def draw_curves(curves: Curves) -> Picture:
     axes.set(xlabel=curves.x, ylabel=curves.y)
     if all(float(each).is_integer() for line in lines for each in line.points["x"]):
         axes.xaxis.get_major_locator().set_params(integer=True)
-    room = 0.4 * (ends[1] - ends[0]) or 0.1 * abs(ends[0]) or 1.0  # a band of two values is wide enough to hide lines
-    bottom, top = axes.get_ylim()
-    axes.set_ylim(max(bottom, ends[0] - room), min(top, ends[1] + room))
+    means, (bottom, top) = pd.concat(line.points["mean"] for line in lines), axes.get_ylim()
+    room = 0.4 * np.ptp(means) or 0.1 * abs(means.max()) or 1.0  # a band of two values is wide enough to hide lines
+    axes.set_ylim(max(bottom, means.min() - room), min(top, means.max() + room))
     figure.legend(loc="outside lower left", ncols=2, fontsize=8, frameon=False, borderpad=0.1)
     left = len(curves.lines) - len(lines)
     return _make_picture(figure, f"{curves.told}{f'; {left} more lines are in the table alone' if left else ''}.")

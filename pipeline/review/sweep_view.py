@@ -107,8 +107,7 @@ class Sweep:
 
     def floor(self, metric: str) -> float:
         """Return the least value that a metric can have, as it is to be read, or minus infinity."""
-        scale = 100.0 if self.units.get(metric) == "%" else 1.0
-        return scale * float(self.described.get(metric, {}).get("low", -np.inf))
+        return float(self.described.get(metric, {}).get("low", -np.inf))
 
     def points(self, metric: str) -> pd.DataFrame:
         """Return the jobs that have a metric as a number: it as it is to be read as ``value``, each axis as text."""

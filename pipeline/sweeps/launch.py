@@ -153,14 +153,10 @@ def name_job(overrides: Sequence[str]) -> str:
     name = STRANGE.sub("_", plain)
     if name == plain and len(name) <= LONGEST_NAME:
         return name
-    fitting = (each for each in range(LONGEST_NAME, 1, -1) if _measure(telling, each) <= LONGEST_NAME)
-    room = next(fitting, 1)
+    fits = {room: sum(min(len(each), room) + 1 for each in telling) <= LONGEST_NAME for room in range(1, LONGEST_NAME)}
+    room = max((each for each in fits if fits[each]), default=1)
     name = STRANGE.sub("_", ",".join(each[-room:].lstrip(".") for each in telling))
     return f"{name[:LONGEST_NAME]}-{hash_json(plain)[:8]}"
-
-
-def _measure(overrides: Sequence[str], room: int) -> int:
-    return sum(min(len(each), room) + 1 for each in overrides)
 
 
 def is_meaningful(override: str) -> bool:

@@ -56,14 +56,8 @@ VERIFICATION = Table(
         "low": column(float, "lower end of the interval over resampled trials", percent=True, low=0, nullable=True),
         "high": column(float, "upper end of it; one trial has none", percent=True, low=0, nullable=True),
         "gap_over_std": column(float, "RMSE over the measured standard deviation", low=0, nullable=True),
-        "p_value": column(float, "of no change against the nominal model (two-sided), as p_step", low=0, high=1),
-        "p_step": column(
-            float,
-            "of no fall since the step before (one-sided): share of all ways to flip the signs of the trials' changes "
-            "by which they fall as much",
-            low=0,
-            high=1,
-        ),
+        "p_value": column(float, "of no change of the nominal gap, two-sided, signs of trials flipped", low=0, high=1),
+        "p_step": column(float, "of no fall since the step before, one-sided, signs of trials flipped", low=0, high=1),
     },
     key=("part", "simulation", "step"),
     brief=("part", "simulation", "label", "gap", "low", "high", "p_step"),

@@ -121,12 +121,7 @@ PAIRED_COMPARISON = Table(
         "p_t": column(float, "two-sided paired t-test", low=0, high=1, nullable=True),
         "p_wilcoxon": column(float, "two-sided Wilcoxon signed-rank test", low=0, high=1, nullable=True),
         "p_holm": column(
-            float,
-            "p_t made larger by Holm's rule for how many rows are compared, those of this test set and n: below "
-            f"{LEVEL} the difference is hardly chance",
-            low=0,
-            high=1,
-            nullable=True,
+            float, "p_t raised (Holm) as all rows of this test set and n are compared", low=0, high=1, nullable=True
         ),
         "verdict": column(str, f"at p_holm below {LEVEL}", among=["design better", "control better", UNDECIDED]),
     },

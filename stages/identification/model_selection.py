@@ -40,17 +40,12 @@ from stages.science.signals.scaling import MODEL_INPUTS, MODEL_OUTPUT
 SIGNALS = ["muscle", "time_s", *MODEL_INPUTS]
 SELECTED_INPUTS = Table(
     "selected_inputs",
-    "An input of the models that is not measured: whether the models with most evidence have it (selected), and how "
-    "sure that is (evidence)",
+    "An input of the models that is not measured: whether it is selected, and how much evidence decides so",
     {
         "input": column(str, "as in model.inputs", among=[name for name, each in FEATURES.items() if each.follow]),
         "assumed": column(bool, "whether the designed trials' models have it"),
         "selected": column(bool, "whether the models with most evidence have it"),
-        "evidence": column(
-            float,
-            "for what is selected, to have it or not: log evidence that is lost if it is decided the other way (nats)",
-            low=0,
-        ),
+        "evidence": column(float, "for selected as it is: log evidence lost by the other decision (nats)", low=0),
     },
     key=("input",),
 )

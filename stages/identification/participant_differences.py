@@ -45,11 +45,7 @@ PARTICIPANT_COMPARISON = Table(
         "hedges_g": column(float, "effect size", nullable=True),
         "p_welch": column(float, "two-sided Welch's t-test", low=0, high=1, nullable=True),
         "p_holm": column(
-            float,
-            "p_welch made larger by Holm's rule for how many rows are compared, those of this test set and n",
-            low=0,
-            high=1,
-            nullable=True,
+            float, "p_welch raised (Holm) as all rows of this test set and n are compared", low=0, high=1, nullable=True
         ),
         "margin": column(float, "largest difference of error rates that does not matter", percent=True, low=0),
         "p_tost": column(float, "two one-sided tests of equivalence", low=0, high=1, nullable=True),

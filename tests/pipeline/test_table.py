@@ -375,7 +375,7 @@ def test_chances_are_shown_as_far_as_they_can_be_told():
         {"probability": chance, "p": chance, "part": share, "force": column(float, "force", unit="N", low=0)},
     )
     values = [4.3e-128, 0.25, 1.0 - 1e-12]
-    shown, units = table.show(pd.DataFrame({name: values for name in ("p", "part", "force")}))
+    shown, units = table.show(pd.DataFrame(dict.fromkeys(("p", "part", "force"), values)))
     assert [format_value(each) for each in shown["p"]] == ["< 0.0001", "0.25", "> 0.9999"]
     sure, _ = table.show(pd.DataFrame({"probability": [0.0, 1.0], "p": [0.0, 1.0]}))
     assert [*sure["probability"], *sure["p"]] == ["< 0.0001", "> 0.9999", 0.0, 1.0]
