@@ -204,4 +204,6 @@ def test_of_noise_nothing_is_told_but_that():
     assert "no Gaussian process" in said[0]
     assert not describe_remainder(table, "no_discrepancy", DISCREPANCY.report)
     assert not describe_remainder(table[:0], "named", DISCREPANCY.report)
-    assert "hardly above the noise floor" in describe_remainder(table[:0], "unexplained", DISCREPANCY.report)[0]
+    assert (
+        "hardly above what flexible models leave" in describe_remainder(table[:0], "unexplained", DISCREPANCY.report)[0]
+    )
