@@ -183,13 +183,13 @@ def verify_gap(
         draw_gap_waterfall(verification[verification["part"] == TEST]),
         f"Gap on verification trials, step by step, over {spoken}, with {settings.level:.0%} intervals over trials.",
     )
-    draw_trials(predictions, channels[channels["channel"].isin(concerned)], names, ctx)
+    own = channels[channels["channel"].isin(concerned)]
+    draw_trials(predictions, own, names, ctx)
     if status == "named":
         draw_signatures(trace_effects(dataset, found), verdict["effects"], ctx)
     judgeable = set(zip(channels["channel"], channels["muscle"], strict=True))
-    high = report_text.describe_high_floor(
-        channels, report.high_floor, verdict["gap"]["noise_floor"] if last else math.inf
-    )
+    floor = verdict["gap"]["noise_floor"] if last else math.inf
+    high = report_text.describe_high_floor(channels, report.high_floor, floor)
     findings = [
         *suspect_muscles(tables.measured, tables.measured_muscles),
         *report_text.describe_uninformative(float(driven["gap_over_std"].iloc[last])),
@@ -211,6 +211,7 @@ def verify_gap(
         *report_text.describe_bounds(amended_values),
         *report_text.describe_rate(dataset.outputs[0]),
         *(high if status != "no_discrepancy" else []),
+        *report_text.describe_fallen_floor(own, floor, settings.search.clear_ratio),
         *report_text.describe_forgotten(dataset.outputs[0], dataset.plant, report.most_forgotten),
     ]
     command = describe_command(

@@ -97,7 +97,7 @@ def test_a_hidden_effect_is_named_explained_drawn_and_simulated(pamid, tmp_path)
     predictions = pd.read_parquet(run / "tables" / "predictions.parquet")
     for signal in ("before", "after"):
         assert pool_gap(predictions, ["force_n"], signal) == pytest.approx(verdict["gap"][signal], rel=1e-9)
-    for words in ("pam1: force is off by up to", "This is hysteresis on pam1", "the noise floor ("):
+    for words in ("pam1: nominal force is off by up to", "This is hysteresis on pam1", "the noise floor ("):
         assert words in said
     drawn = {"gap_bars", "gap_map", "residual_plane", "residual_loops", "ranking", "gap_waterfall", "verified_trials"}
     assert drawn | {"signature_hysteresis"} <= {path.stem for path in (run / "figures").iterdir()}

@@ -4,6 +4,7 @@ import math
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
+import numpy as np
 import pandas as pd
 
 from stages.science.discrepancy.dataset import Dataset
@@ -188,7 +189,7 @@ def _describe_channel(rows: Sequence[Mapping[str, Any]], concentrated: float) ->
     channel = name_signal(first["channel"])[0]
     worst = max(rows, key=lambda each: each["largest"])
     largest, where = float(f"{worst['largest']:.2g}"), f" on {worst['muscle']}" if len(rows) > 1 else ""
-    text = f"{_join(muscles)}: {channel} is off by up to {largest:g} {first['unit']}{where}"
+    text = f"{_join(muscles)}: nominal {channel} is off by up to {largest:g} {first['unit']}{where}"
     if first["share_of_gap"] < concentrated * first["share_of_time"]:
         return f"{text}, in no regime of motion more than in others."
     whose = f"{first['muscle']}: " if len(rows) > 1 else ""
@@ -333,6 +334,19 @@ def describe_high_floor(channels: pd.DataFrame, high: float, final: float = math
         f"({_shorten(where)}): something wanders, or acts that no measured signal tells; trials repeated alike would "
         "tell which."
     ]
+
+
+def describe_fallen_floor(channels: pd.DataFrame, final: float, clear_ratio: float) -> list[str]:
+    """Return that the noise floor over the range is `final` after all that was named, where it fell by a clear ratio.
+
+    Channels have columns ``noise_floor range``, before.
+    """
+    first = float(np.sqrt(np.mean((channels["noise_floor"] / channels["range"]) ** 2)))
+    text = (
+        "Before anything was named, flexible models took most of it for noise: the floor in the figure gap_bars is "
+        f"{_percent(first)} of range, and {_percent(final)} beside what was named."
+    )
+    return [text] if first > clear_ratio * final else []
 
 
 def describe_remainder(remainder: pd.DataFrame, status: str, settings: ReportSettings) -> list[str]:

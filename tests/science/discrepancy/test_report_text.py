@@ -126,7 +126,7 @@ def test_a_channel_is_off_by_a_size_in_its_unit_once():
     place = {"channel": "speed_rad_per_s", "muscle": "motor", "unit": "rad/s", "largest": 64.2}
     place |= {"regime": "low speed", "share_of_gap": 0.5, "share_of_time": 0.5}
     *_, where = describe_verdict(UNEXPLAINED, [place], DISCREPANCY)
-    assert where.startswith("motor: speed is off by up to 64 rad/s, in no regime")
+    assert where.startswith("motor: nominal speed is off by up to 64 rad/s, in no regime")
 
 
 def test_few_trials_are_told():
