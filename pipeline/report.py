@@ -119,9 +119,11 @@ def _shorten(table: Table, frame: pd.DataFrame) -> tuple[pd.DataFrame, str]:
         kept = frame[main]
     elif table.minor and (below := frame[table.minor[0]] < table.minor[1]).sum() > 1:
         kept = frame[~below]
-        names = frame.loc[below].select_dtypes(exclude="number").iloc[:, 0].astype(str).str.replace("_", " ")
-        told = f"{below.sum()} others have a {table.minor[0].replace('_', ' ')} below {table.minor[1]:g}: "
-        told += f"{join_some(list(dict.fromkeys(names)), 4)}."
+        names = frame.select_dtypes(exclude="number").iloc[:, 0].astype(str).str.replace("_", " ")
+        others = [each for each in dict.fromkeys(names[below]) if each not in set(names[~below])]
+        if others:
+            told = f"{len(others)} others have a {table.minor[0].replace('_', ' ')} below {table.minor[1]:g}: "
+            told += f"{join_some(others, 4)}."
     return kept[list(table.brief or frame.columns)], told
 
 
