@@ -86,10 +86,11 @@ def describe(found: pd.DataFrame) -> str:
     effect = more.mean() / more.std(ddof=1)
     low, high = np.quantile(np.random.default_rng(0).choice(more, (10000, len(more))).mean(axis=1), [0.025, 0.975])
     above = ", ".join(f"{each} {its.mean():.0%}" for each, its in sure.items())
+    means = ", ".join(f"{each} {found[each].mean():.2f}" for each in sure)
     return (
         f"{len(found)} ambiguous sessions. True name above {SURE:g}: {above} ({alone[0]} to {alone[1]}, "
-        f"p = {p_sure:.2g}). Its mean probability: {found[['before', 'evidence', 'random']].mean().round(2).to_dict()}; paired difference "
-        f"{more.mean():.2f} ({low:.2f} to {high:.2f}), {effect:.2f} standard deviations, Wilcoxon p = {p_value:.2g}."
+        f"p = {p_sure:.2g}). Its mean probability: {means}; paired difference {more.mean():.2f} ({low:.2f} to "
+        f"{high:.2f}), {effect:.2f} standard deviations, Wilcoxon p = {p_value:.2g}."
     )
 
 
