@@ -9,7 +9,12 @@ import pandas as pd
 from stages.science.discrepancy.settings import DiscrepancySettings
 from stages.science.statistics.sign_flips import least_p
 
-DEPENDS_ON = ("channel", "muscle", "share", "low", "high", "hint", "hint_share")
+DEPENDS_ON = {
+    "": ("channel", "muscle", "share", "low", "high"),
+    "hint": ("hint", "hint_share"),
+    "drift": ("drift", "drift_unit", "drift_first", "drift_last", "drift_share"),
+}
+"""Columns of the table `remainder`, by the one that is empty where the others tell nothing."""
 AMENDED = "documents/amended.yaml"
 """Document that holds the amended plant."""
 INTERVAL = ["value", "low", "high"]
@@ -48,7 +53,7 @@ def summarise_remainder(
         "depends_on": [
             {
                 "inputs": str(row["inputs"]).split(", ") if row["inputs"] else [],
-                **{name: row[name] if row["hint"] or "hint" not in name else None for name in DEPENDS_ON},
+                **{each: row[each] if row.get(of, True) else None for of, its in DEPENDS_ON.items() for each in its},
             }
             for row in remainder.to_dict("records")
         ],
