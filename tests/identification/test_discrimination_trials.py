@@ -61,7 +61,7 @@ def test_what_was_proposed_is_executed_in_the_range_of_what_was_recorded(designe
     _, _, tables, known = designed
     weighed, best = known.weighed, known.weighed.order[0]
     (row,) = executed["discrimination_trials"].to_dict("records")
-    assert {each.split()[0] for each in row["rivals"].split(", ")} == set(RIVALS)
+    assert {each.split()[0] for each in row["rivals"].split(", ")} == {"none", *RIVALS}  # too few trials confirm either
     assert executed["discrimination_end"]["executed"].item() == 1
     assert row["excitation"] == weighed.spell(best)
     assert row["expected_before"] < row["expected_after"] <= 1.0
