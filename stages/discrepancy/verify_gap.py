@@ -259,7 +259,7 @@ def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -
         "noise_floor": float(floor["gap"]),
         "unit": "RMSE / range, verification trials",
         "p_value": float(after["p_value"]),
-        **{name: None if np.isnan(after[name]) else float(after[name]) for name in ("low", "high")},
+        **{name: float(after["gap"] if np.isnan(after[name]) else after[name]) for name in ("low", "high")},
         "channels": list(dict.fromkeys(each.output.channel for each in judged)),
         "muscles": sorted({each.output.element for each in judged}),
         "pooling": POOLING,

@@ -73,16 +73,17 @@ def choose_round(
     """
     added = named[named["round"] > 0].groupby("round")[["name", "indistinguishable_from"]].first()
     found: list[Question] = []
-    held = suspected[suspected["round"] > 0].groupby("round")[["name", "probability"]].first()
+    held = suspected[suspected["round"] > 0].groupby("round")[["name", "probability", "indistinguishable_from"]].first()
     for number in sorted({*range(1, int(max(added.index, default=0)) + 2), *held.index}):
         rows = ranking[(ranking["round"] == number) & (ranking["name"] != UNKNOWN)]
+        first, like = [], str(added["indistinguishable_from"].get(number, ""))
         if number in held.index:
-            name, probability = held.loc[number]
+            name, probability, like = held.loc[number]
+            first = [name, NONE]
             scaled = rows["probability"] * probability / rows.set_index("name")["probability"][name]
             scaled = scaled.where(rows["name"] != NONE, 1.0 - scaled[rows["name"] != NONE].sum())
             rows = rows.assign(probability=scaled.clip(lower=0.0))
-        like = str(added["indistinguishable_from"].get(number, ""))
-        alike = like.split(",") if like else []
+        alike = [*first, *(like.split(",") if like else [])]
         others = set(added["name"].drop(number, errors="ignore")) - set(alike)
         rivals = choose_rivals(rows[~rows["name"].isin(others)], alike, most, least)
         if len(rivals) > 1:

@@ -109,7 +109,7 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
     remains = f"{where} remains: {family} {more}; that has no name in the library."
     them = "it" if len(effects) == 1 else "them"
     doubt_of_gap = "one trial gives neither interval nor p-value"
-    if gap["low"] is not None:
+    if len(verdict["verification_trials"]) > 1:
         ends = f"{_percent(settings.level)} interval {_percent(gap['low'])} to {_percent(gap['high'])}"
         doubt_of_gap = f"{ends}, two-sided p = {gap['p_value']:.2g}"
     unseen, signals = _count(verdict), _join([name_signal(each)[0] for each in gap["channels"]])

@@ -170,7 +170,7 @@ def test_probability_after_a_trial_is_that_of_bayes():
     assert told[1] == pytest.approx(0.7 * first + 0.3 * second)
 
 
-NOBODY = pd.DataFrame(columns=["round", "name", "probability"])
+NOBODY = pd.DataFrame(columns=["round", "name", "probability", "indistinguishable_from"])
 
 
 def test_rivals_are_the_leading_names_of_the_least_sure_round():
@@ -193,10 +193,11 @@ def test_rivals_are_the_leading_names_of_the_least_sure_round():
     assert sum(found.rivals.values()) == pytest.approx(1.0)
     assert found.rivals["kink"] == pytest.approx(0.6 / 0.67)
     assert choose_round(ranking, named[:0], NOBODY, 3, 0.01) is None
-    held = pd.DataFrame({"round": [1], "name": ["wave"], "probability": [0.5]})
-    found = choose_round(ranking, named[:0], held, 3, 0.01)
-    assert (found.number, found.standing) == (1, 0)
-    assert found.rivals == pytest.approx({"wave": 0.5, "none": 0.5}, abs=1e-3)
+    held = pd.DataFrame({"round": [2], "name": ["kink"], "probability": [0.5], "indistinguishable_from": ["line"]})
+    with_none = pd.concat([ranking, ranking[:1].assign(round=2)])
+    found = choose_round(with_none, named[:1], held, 3, 0.01)
+    assert (found.number, found.standing, list(found.rivals)) == (2, 1, ["kink", "none", "line"])
+    assert found.rivals["kink"] > found.rivals["none"] > found.rivals["line"]
     assert list(choose_rivals(ranking[ranking["round"] == 2], [], 3, 0.04)) == ["kink", "bend"]
 
 
