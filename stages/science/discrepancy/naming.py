@@ -345,9 +345,8 @@ def _score_output(
     telling = {key: each for key, each in beside.items() if key not in added or not _is_patch(each, settings)}
     told = [{key: scores.score(each.residual) for key, each in fits.items()} for fits in (alone, telling)]
     for own, fits in zip(told, (alone, telling), strict=True):
-        most, at_most = fits[NONE, ""].raw.sum(), own[NONE, ""]
-        lost = [key for key, each in fits.items() if each.raw.sum() > most * (1.0 if key[0] == MEMORY else far)]
-        own.update({key: min(own[key], at_most) for key in lost})
+        most, at_most = far * fits[NONE, ""].raw.sum(), own[NONE, ""]
+        own.update({key: min(own[key], at_most) for key, each in fits.items() if each.raw.sum() > most})
     return told, Left(families, {key: each.raw for key, each in beside.items()})
 
 
