@@ -80,7 +80,7 @@ def turn(value: float) -> float:
     return math.copysign((1.0 - series) / (1.0 + series), value)
 
 
-@njit(cache=True, error_model="numpy")
+@njit(cache=True, error_model="numpy", forceinline=True)  # a call would keep columns from sharing instructions
 def _find_rates(
     x: float, w: float, z: float, drive: float, hold: float, constants: tuple[float, ...], rubs: bool
 ) -> tuple[float, float]:
