@@ -16,6 +16,8 @@ LONGEST = 0.25
 """Longest lag of a correlation that is looked at, over the length of a trial."""
 SMALLEST = 1e-6
 """Least standard deviation, over the channel's range."""
+STILL = 1e-9
+"""Root mean square about its mean, over that about zero, up to which a signal does not move but for rounding."""
 
 
 @dataclass(frozen=True)
@@ -38,14 +40,16 @@ class TrialNoise:
 def find_directions(simulated: Array, output: OutputChannel) -> Array:
     """Return the two directions of length one along which a trial's offset and gain move it, (K, 2, T).
 
-    The second is along the simulated signal, (T, K). Both are zero in an output whose trials have no offset or gain.
+    The second is along the simulated signal, (T, K), and zero where that stands still. Both are zero in an output whose
+    trials have no offset or gain.
     """
     present = output.present
     if not output.jitters:
         return np.zeros((present.shape[1], 2, len(present)))
     still = present / np.sqrt(np.maximum(present.sum(axis=0), 1))
     moved = _centre(simulated, output)
-    moved /= np.sqrt(np.maximum((moved**2).sum(axis=0), 1e-300))
+    length, size = (np.sqrt((np.where(present, each, 0.0) ** 2).sum(axis=0)) for each in (moved, simulated))
+    moved = np.where(length > STILL * size, moved / np.maximum(length, 1e-150), 0.0)
     return np.ascontiguousarray(np.stack([still, moved]).transpose(2, 0, 1))
 
 

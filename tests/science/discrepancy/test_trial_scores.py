@@ -32,6 +32,15 @@ def test_a_residual_is_its_shape_and_its_offset_and_its_part_along_what_was_simu
     np.testing.assert_allclose(along, np.abs(gain) * measured.std(axis=0), atol=1e-12)
 
 
+def test_a_trial_whose_simulation_stands_still_has_an_offset_and_no_gain():
+    still = np.where(np.arange(8) < 4, 100.0 / 3.0, TOY.measured)
+    residual = TOY.measured - still
+    shape, offset, along = split_residual(residual, TOY)
+    parts = (shape**2).sum(axis=0) + len(residual) * (offset**2 + along**2)
+    np.testing.assert_allclose(parts, (residual**2).sum(axis=0), rtol=1e-9)
+    np.testing.assert_array_equal(along[:4], 0.0)
+
+
 def test_a_wrong_gain_hides_no_noise():
     noise = 10.0 * draw(1)
     shape, _, _ = split_residual(noise + 0.4 * (TOY.measured - noise), TOY)
