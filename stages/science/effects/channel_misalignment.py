@@ -48,6 +48,7 @@ LATE_ELEMENT = ElementEffect(
     signature="the answer errs in proportion to its own rate of change",
     split_by="the same loop at three speeds: its width grows with speed and with stiffness",
     apply=lambda answer, bench, parameters: shift(answer, parameters["paces_late"] * bench.time_scale_s / bench.step_s),
+    sensed=True,
 )
 
 FILTERED = replace(

@@ -167,6 +167,8 @@ class ElementEffect(NamedEffect):
     apply: Callable[[Array, Bench, Mapping[str, float]], Array]
     loaded: bool = False
     """Whether it grows with the load: it acts only in elements that tell what presses."""
+    sensed: bool = False
+    """Whether it is of the answer's sensor: it acts on what the element answers with all others, listed or not before."""
 
 
 Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect

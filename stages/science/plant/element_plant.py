@@ -147,7 +147,7 @@ class ElementPlant(RecordPlant):
             return answer
         scale, bench = self.know("output_scale"), self.set_up(signals, step_s, start_s)
         changed = answer / scale
-        for effect, values in placed:
+        for effect, values in sorted(placed, key=lambda each: getattr(each[0], "sensed", False)):
             changed = effect.apply(changed, bench, values)
         return changed * scale
 

@@ -57,6 +57,19 @@ def test_a_measured_speed_is_taken_instead_of_differences():
     np.testing.assert_allclose(doubled, (600.0 + 2.0 * PRESSURE) * 2.0 * SPEED + 800.0 * PATH)
 
 
+@pytest.mark.parametrize("listed", [(0, 1), (1, 0)])
+def test_a_sensor_reads_what_all_other_effects_have_made_of_the_answer(listed):
+    effects = [
+        {"name": "coulomb_friction", "form": "element", "share": 0.3, "sliding": 0.02},
+        {"name": "channel_misalignment", "form": "element_filtered", "paces": 0.2},
+    ]
+    plant, constants = settle("cylinder", effects=[effects[place] for place in listed]), LAWS["cylinder"][0]
+    found = simulate(plant, SIGNALS, constants | {"offset": 0.0})
+    scale, pace_s = plant.output_scale, plant.time_scale_s
+    slid = LAWS["cylinder"][1] + 0.3 * scale * np.tanh(10.0 * SPEED * pace_s / 0.02)
+    np.testing.assert_allclose(found, follow(slid, 0.2 * pace_s), atol=0.01 * scale)
+
+
 def test_products_of_a_signal_that_there_is_not_are_left_out():
     isometric = read_plant("muscle", **NAMED["muscle"] | {"length": None})
     assert (isometric.inputs, set(isometric.nominal)) == (("p_kpa",), {"pull", "offset"})
