@@ -202,6 +202,7 @@ def verify_gap(
     ]
     remarks = [
         *report_text.describe_absorbed(list_confounded(ranking, {row["channel"] for row in places})),
+        *report_text.describe_together(ranking, named),
         *report_text.describe_times(verdict["effects"], dataset.plant),
         *(report_text.describe_scales(dataset.plant) if status == "named" else []),
         *report_text.describe_loaded_maps(dataset),

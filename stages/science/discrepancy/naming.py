@@ -64,13 +64,17 @@ class Named:
 
 @dataclass(frozen=True)
 class Round:
-    """One round of the search: every candidate's probability and what it would leave, and what was done."""
+    """One round of the search: every candidate's probability and what it would leave, and what was done.
+
+    The likeliest effect of those that are worth it was `named` if it is likelier than nothing and any family.
+    """
 
     verdicts: Verdicts
     confounded_with_constants: Mapping[str, float]
     gaps: Mapping[str, float]
     heldout: Mapping[str, float]
     sites: Mapping[str, str]
+    likeliest: Named | None
     named: Named | None
 
 
@@ -127,7 +131,9 @@ def rank(outputs: Sequence[FittedChannel], settings: SearchSettings, divide: Div
         gaps[name] = float(np.sqrt(np.mean([state.ratio(raw) ** 2 for state, raw in both])))
         squared = [raw.sum() / state.samples.sum() / state.output.range**2 for state, raw in both]
         heldout[name] = float(np.sqrt(np.mean(squared)))
-    named = look.decide(verdicts, gaps)
+    likeliest = look.find_likeliest(verdicts, gaps)
+    rivals = [verdicts.names[each] for each in (NONE, *verdicts.families)]
+    named = likeliest if likeliest and likeliest.probability > max(rivals) else None
     spoken = (named.name, *named.alternatives) if named else ()
     sites: dict[str, str] = {}
     confounded: dict[str, float] = {}
@@ -137,7 +143,7 @@ def rank(outputs: Sequence[FittedChannel], settings: SearchSettings, divide: Div
             sites[name] = each.form.site
             if name not in spoken:
                 confounded[name] = min(each.confounded_with_constants, confounded.get(name, np.inf))
-    return Round(verdicts, confounded, gaps, heldout, sites, named), choices
+    return Round(verdicts, confounded, gaps, heldout, sites, likeliest, named), choices
 
 
 def carry(outputs: Sequence[FittedChannel], choices: Sequence[Choice], verdicts: Verdicts, name: str) -> list[Fitted]:
@@ -211,17 +217,17 @@ class _Look:
         # one name at one place of the chain: where it gains most
         return [place for place in gains if self.outputs[place].output.channel == self.outputs[best].output.channel]
 
-    def decide(self, verdicts: Verdicts, gaps: Mapping[str, float]) -> Named | None:
-        """Return the effect to add, if one is more probable than nothing and any family, and closes what matters."""
+    def find_likeliest(self, verdicts: Verdicts, gaps: Mapping[str, float]) -> Named | None:
+        """Return the most probable of the effects that close what matters, if any does."""
         carried = {
             name: self.list_carriers(name, forms, verdicts.carries[name], verdicts.mapped[name])
             for name, forms in verdicts.forms.items()
             if name not in verdicts.families
         }
         possible = [name for name in carried if carried[name]]
-        best = max(possible, key=lambda name: verdicts.names[name], default=NONE)
-        if verdicts.names[best] <= max(verdicts.names[NONE], *(verdicts.names[each] for each in verdicts.families)):
+        if not possible:
             return None
+        best = max(possible, key=lambda name: verdicts.names[name])
         closed = {name: gaps[NONE] - gaps[name] for name in possible}
         like = (1.0 - self.settings.ambiguous_share) * closed[best]
         carriers, states = carried[best], [self.outputs[place] for place in carried[best]]

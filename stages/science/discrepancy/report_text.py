@@ -349,6 +349,23 @@ def describe_fallen_floor(channels: pd.DataFrame, final: float, clear_ratio: flo
     return [text] if first > clear_ratio * final else []
 
 
+def describe_together(ranking: pd.DataFrame, named: pd.DataFrame) -> list[str]:
+    """Return which effects leave more than a memory does until the next of `named` is beside them.
+
+    The ranking has columns ``round name heldout_gap``, the named ``round name``.
+    """
+    left = ranking.set_index(["round", "name"])["heldout_gap"]
+    names = dict(zip(named["round"], named["name"], strict=True))
+    pairs = [(number, names[number], names[number + 1]) for number in sorted(names) if number + 1 in names]
+    return [
+        f"Alone, {_spell(name)} leaves {_percent(left[number, name])} of range in trials left out of the fit, and a "
+        f"memory of the inputs less ({_percent(left[number, MEMORY])}); with {_spell(other)} it leaves "
+        f"{_percent(left[number + 1, other])}. They are named together."
+        for number, name, other in pairs
+        if left[number, name] > left.get((number, MEMORY), math.inf)
+    ]
+
+
 def describe_remainder(remainder: pd.DataFrame, status: str, settings: ReportSettings) -> list[str]:
     """Return what the unexplained depends on, by the table `remainder`; a hint, marked as one."""
     if status == "no_discrepancy":

@@ -10,13 +10,16 @@ from itertools import product
 
 import numpy as np
 
+from stages.science.discrepancy.evidence import MEMORY
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, list_kept, prepare, refine
 from stages.science.discrepancy.naming import Choice, Named, Round, carry, is_worth, rank
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
+from stages.science.output_channels.families import join
 from stages.science.output_channels.fitting import fit
 from stages.science.output_channels.noise import make_plain
 from stages.science.output_channels.output_channel import Divide, compute_here, list_starts
+from stages.science.output_channels.trial_noise import estimate_trial_noise
 
 FRESH_STARTS, LONG = 4, 30
 """Number of other starts of the final fit of a named effect, and of iterations of each."""
@@ -92,21 +95,86 @@ def _search(
         if _find_better_constants(found, choices):
             continue
         found.rounds.append(looked)
-        if looked.named is None:
-            effects = [each for each in looked.verdicts.forms if each not in looked.verdicts.families]
-            if effects:
-                likeliest = max(effects, key=looked.verdicts.names.__getitem__)
-                found.undecided = carry(found.outputs, choices, looked.verdicts, likeliest)
-            break
-        _add(found, looked.named, choices, generator, divide)
-        newest, there = looked.named, [each for each in found.named if each.channel == looked.named.channel]
-        beside = [each.probability for each in there if {*each.elements} & {*newest.elements}]
-        sure = min([1.0, *beside])  # that those which it was found beside are there
-        found.named.append(replace(newest, probability=sure * newest.probability))
-        _take_out_redundant(found, settings)
-        found.steps.append([state.current for state in found.outputs])
+        if looked.named is not None:
+            _take(found, looked.named, choices, settings, generator, divide)
+            continue
+        both = _take_two(found, choices, settings, generator, divide)
+        if both is not None:
+            found = both
+            continue
+        effects = [each for each in looked.verdicts.forms if each not in looked.verdicts.families]
+        if effects:
+            likeliest = max(effects, key=looked.verdicts.names.__getitem__)
+            found.undecided = carry(found.outputs, choices, looked.verdicts, likeliest)
+        break
     found.named = [_doubt_beside_bounds(named, found, settings) for named in found.named]
     return found
+
+
+def _take(
+    found: Search,
+    named: Named,
+    choices: Sequence[Choice],
+    settings: SearchSettings,
+    generator: np.random.Generator,
+    divide: Divide,
+) -> None:
+    """Add an effect to a search, no more probable than those of its channel and elements that it was found beside."""
+    _add(found, named, choices, generator, divide)
+    there = [each for each in found.named if each.channel == named.channel]
+    sure = min([1.0, *(each.probability for each in there if {*each.elements} & {*named.elements})])
+    found.named.append(replace(named, probability=sure * named.probability))
+    _take_out_redundant(found, settings)
+    found.steps.append([state.current for state in found.outputs])
+
+
+def _take_two(
+    found: Search,
+    choices: Sequence[Choice],
+    settings: SearchSettings,
+    generator: np.random.Generator,
+    divide: Divide,
+) -> Search | None:
+    """Return a search with two more effects where its last round found a memory likelier than any: it may be both.
+
+    The likeliest is added; with the one that is named beside it, it has to predict trials left out better than the
+    memory does. None if it does not.
+    """
+    looked, known = found.rounds[-1], len(found.named)
+    names, first = looked.verdicts.names, looked.likeliest
+    if first is None or names.get(MEMORY, 0.0) < max(names.values()) or known + 2 > settings.most_effects:
+        return None
+    both = Search([*found.outputs], [*found.rounds], [*found.named], [*found.steps])
+    _take(both, replace(first, probability=1.0), choices, settings, generator, divide)
+    again, others = rank(both.outputs, settings, divide)
+    if again.named is None:
+        return None
+    _take(both, again.named, others, settings, generator, divide)
+    if len(both.named) < known + 2:
+        return None
+    changed = [each for each in zip(found.outputs, both.outputs, strict=True) if each[0] is not each[1]]
+    gain = min(sum(_compare_with_memory(*each, settings) for each in changed), settings.most_evidence)
+    doubt = float(np.exp(-max(gain + np.log(settings.family_prior), 0.0)))
+    if doubt > 1.0 - settings.certain:
+        return None
+    both.named[known:] = [replace(each, probability=min(each.probability, 1.0 - doubt)) for each in both.named[known:]]
+    told = {each: doubt * its for each, its in names.items()} | {first.name: 1.0 - doubt}
+    verdicts = replace(looked.verdicts, names=told)
+    both.rounds[-1:] = [replace(looked, verdicts=verdicts, named=both.named[known]), again]
+    return both
+
+
+def _compare_with_memory(before: FittedChannel, after: FittedChannel, settings: SearchSettings) -> float:
+    """Return by how much, nats, a fit predicts trials left out better than one with a memory, a static map or none."""
+    output, fitted, largest = before.output, after.current, settings.largest_jitter
+    plain, jittered = make_plain(fitted.fit.spread), estimate_trial_noise(fitted.residual, output, largest)
+    noise, lawless = jittered if output.jitters else plain, before.static_map
+    remembering = [before.current.refit(noise, each) for each in (before.memory, join(lawless, before.memory))]
+    naming = [fitted, fitted.refit(noise, lawless)]
+    best = min((*remembering, *naming), key=lambda each: float((each.residual**2).sum()))
+    scores = compare_by(output, best.residual, largest)
+    named, remembered = (max(scores.score(each.residual) for each in some) for some in (naming, remembering))
+    return named - remembered
 
 
 def _doubt_beside_bounds(named: Named, found: Search, settings: SearchSettings) -> Named:

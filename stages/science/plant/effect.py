@@ -168,7 +168,7 @@ class ElementEffect(NamedEffect):
     loaded: bool = False
     """Whether it grows with the load: it acts only in elements that tell what presses."""
     sensed: bool = False
-    """Whether it is of the answer's sensor: it acts on what the element answers with all others, listed or not before."""
+    """Whether it is of the answer's sensor: it acts on what all others have made of the answer, wherever listed."""
 
 
 Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect

@@ -78,8 +78,11 @@ BENCHES = {
 """By machine: what simulates it, what it answers, and the keys that name its signals."""
 
 
-def record_bench(machine, effect, size, seed, rate_hz, seconds=64.0):
-    """Return signals of a record at a rate; the effect has a size over half the answer's range."""
+def record_bench(machine, effect, size, seed, rate_hz, seconds=64.0, filter_s=0.0):
+    """Return signals of a record at a rate; the effect has a size over half the answer's range.
+
+    The answer's sensor may have a filter.
+    """
     generator = np.random.default_rng([seed, len(machine)])
     samples = int(seconds * FINE_HZ)
     signals, answer, path, load, sign = BENCHES[machine][0](generator, samples, generator.uniform(0.25, 0.5))
@@ -98,6 +101,7 @@ def record_bench(machine, effect, size, seed, rate_hz, seconds=64.0):
     noise = 0.004 * scale
     wander = follow(generator.standard_normal(samples + BEGUN), 2.0)[BEGUN:]
     answer = answer + sign * size * scale * added + WANDER * noise * wander / wander.std()
+    answer = follow(answer, filter_s) if filter_s else answer
     every = int(FINE_HZ / rate_hz)
     told = {name: each[::every] for name, each in signals.items()}
     told = {name: v + PATH_NOISE * np.ptp(v) * generator.standard_normal(len(v)) for name, v in told.items()}

@@ -14,9 +14,9 @@ pytestmark = pytest.mark.slow
 SEEDS = {"muscle": 1, "cylinder": 2, "damper": 3, "finger": 4}
 
 
-def search_bench(machine, effect, size, rate_hz, generator):
+def search_bench(machine, effect, size, rate_hz, generator, filter_s=0.0):
     """Return the names that stand, and the squared gap beside them over that of the law, in fitted trials."""
-    signals = record_bench(machine, effect, size, SEEDS[machine], rate_hz)
+    signals = record_bench(machine, effect, size, SEEDS[machine], rate_hz, filter_s=filter_s)
     plant = read_plant(machine, **BENCHES[machine][2])
     found, _ = look(build_records(*tabulate(signals, 1.0 / rate_hz), plant))
     verdict = decide(found, DISCREPANCY, generator)
@@ -48,6 +48,26 @@ def test_what_is_planted_is_named_at_any_rate(machine, effect, rate_hz, generato
 @pytest.mark.parametrize(("machine", "rate_hz"), [*((each, 25) for each in BENCHES), ("muscle", 250), ("finger", 250)])
 def test_a_law_that_is_a_little_wrong_gets_no_name(machine, rate_hz, generator):
     assert search_bench(machine, "none", 0.0, rate_hz, generator)[0] == []
+
+
+@pytest.mark.parametrize(
+    ("machine", "effect", "rate_hz", "filter_s"),
+    [
+        ("cylinder", "coulomb_friction", 25, 0.05),
+        ("cylinder", "load_dependent_friction", 100, 0.05),
+        ("muscle", "hysteresis", 25, 0.1),
+    ],
+)
+def test_an_effect_behind_a_filter_is_named_beside_it(machine, effect, rate_hz, filter_s, generator):
+    """A memory is likelier than either alone."""
+    names, left = search_bench(machine, effect, 0.06, rate_hz, generator, filter_s)
+    assert sorted(names) == sorted([effect, "channel_misalignment"])
+    assert left < 0.02
+
+
+@pytest.mark.parametrize("machine", ["muscle", "cylinder"])
+def test_a_filter_alone_is_named_alone(machine, generator):
+    assert search_bench(machine, "none", 0.0, 25, generator, 0.1)[0] == ["channel_misalignment"]
 
 
 def record_spring(generator, noise, viscous=0.0, records=4):

@@ -10,6 +10,7 @@ from stages.science.discrepancy.report_text import (
     describe_high_floor,
     describe_scales,
     describe_times,
+    describe_together,
     describe_unsettled,
     describe_verdict,
 )
@@ -120,6 +121,20 @@ def test_a_verdict_says_what_its_numbers_say(verdict, said, unsaid):
     text = " ".join(describe_verdict(verdict, [], DISCREPANCY))
     assert [words for words in said if words not in text] == []
     assert [words for words in unsaid if words in text] == []
+
+
+@pytest.mark.parametrize(("memory", "told"), [(0.003, True), (0.02, False)])
+def test_an_effect_that_alone_leaves_more_than_a_memory_is_told_with_the_next(memory, told):
+    gaps = [(1, "transport_delay", 0.004), (1, "memory", memory), (2, "hysteresis", 0.001), (3, "none", 0.001)]
+    ranking = pd.DataFrame(gaps, columns=["round", "name", "heldout_gap"])
+    named = pd.DataFrame({"round": [1, 1, 2], "name": ["transport_delay", "transport_delay", "hysteresis"]})
+    said = " ".join(describe_together(ranking, named))
+    for part in (
+        "Alone, transport delay leaves 0.40 %",
+        "a memory of the inputs less",
+        "with hysteresis it leaves 0.10 %",
+    ):
+        assert (part in said) is told
 
 
 def test_a_channel_is_off_by_a_size_in_its_unit_once():
