@@ -93,6 +93,18 @@ DAMPED_ELEMENT = ElementEffect(
     apply=lambda answer, bench, parameters: answer + parameters["share"] * bench.rate,
 )
 
+DRAGGED_ELEMENT = replace(
+    DAMPED_ELEMENT,
+    form="element_quadratic_drag",
+    parameters=(
+        Parameter("share", "1", -5.0, 5.0, 0.0, 0.1, "drag at one scale per pace over the answer's", (0.03, -0.03)),
+    ),
+    source="Merritt, Hydraulic control systems (1967), chapter 3: turbulent flow through orifices",
+    signature="the answer errs with the square of the rate of motion, against it, and is right at rest",
+    split_by="the same loop at three speeds: its width grows with the square of speed",
+    apply=lambda answer, bench, parameters: answer + parameters["share"] * bench.rate * np.abs(bench.rate),
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -117,4 +129,5 @@ FORMS = (
     QUADRATIC,
     SPINNING,
     DAMPED_ELEMENT,
+    DRAGGED_ELEMENT,
 )

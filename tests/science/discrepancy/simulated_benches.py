@@ -89,13 +89,15 @@ def record_bench(machine, effect, size, seed, rate_hz, seconds=64.0, filter_s=0.
     scale, load = 0.5 * np.ptp(answer), load / load.max()
     unit = path / (0.5 * np.ptp(path))
     rate = np.gradient(unit, 1.0 / FINE_HZ)
-    slides = np.tanh(rate / (0.06 * np.abs(rate).mean()))
+    quick = rate / np.abs(rate).mean()
+    slides = np.tanh(quick / 0.06)
     added = {
         "none": lambda: 0.0,
         "coulomb_friction": lambda: slides,
         "load_dependent_friction": lambda: (0.25 + 1.2 * load) * slides,
         "lagged": lambda: (0.1 + 1.3 * follow(load, 0.2)) * slides,
         "hysteresis": lambda: yield_and_slide(unit, generator.uniform(0.1, 0.25)),
+        "drag": lambda: 0.4 * quick * np.abs(quick),
         "creep": lambda: 2.5 * (unit - 0.6 * follow(unit, 1.0) - 0.4 * follow(unit, 6.0)),
     }[effect]()
     noise = 0.004 * scale

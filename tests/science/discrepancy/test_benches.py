@@ -35,13 +35,15 @@ def search_bench(machine, effect, size, rate_hz, generator, filter_s=0.0):
         ("cylinder", "load_dependent_friction", 25),
         ("damper", "lagged", 25),
         ("damper", "lagged", 250),
+        ("damper", "drag", 25),
+        ("muscle", "drag", 100),
         ("finger", "creep", 25),
         ("finger", "creep", 250),
     ],
 )
 def test_what_is_planted_is_named_at_any_rate(machine, effect, rate_hz, generator):
     names, left = search_bench(machine, effect, 0.06, rate_hz, generator)
-    assert names == ["load_dependent_friction" if effect == "lagged" else effect]
+    assert names == [{"lagged": "load_dependent_friction", "drag": "viscous_friction"}.get(effect, effect)]
     assert left < 0.25
 
 
