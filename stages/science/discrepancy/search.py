@@ -137,8 +137,8 @@ def _take_two(
 ) -> Search | None:
     """Return a search with two more effects where its last round found a memory likelier than any: it may be both.
 
-    The likeliest is added; with the one that is named beside it, it has to predict trials left out better than the
-    memory does. None if it does not.
+    The likeliest is added; with the one that is named beside it on the same elements, it has to predict trials left out
+    better than the memory does. None if it does not: an element with one of the two alone has nothing that is both.
     """
     looked, known = found.rounds[-1], len(found.named)
     names, first = looked.verdicts.names, looked.likeliest
@@ -147,7 +147,7 @@ def _take_two(
     both = Search([*found.outputs], [*found.rounds], [*found.named], [*found.steps])
     _take(both, replace(first, probability=1.0), choices, settings, generator, divide)
     again, others = rank(both.outputs, settings, divide)
-    if again.named is None:
+    if again.named is None or {*again.named.elements} != {*first.elements}:
         return None
     _take(both, again.named, others, settings, generator, divide)
     if len(both.named) < known + 2:
