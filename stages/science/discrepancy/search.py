@@ -10,7 +10,7 @@ from itertools import product
 
 import numpy as np
 
-from stages.science.discrepancy.evidence import MEMORY
+from stages.science.discrepancy.evidence import MEMORY, NONE
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, correct_inputs, list_kept, prepare, refine
 from stages.science.discrepancy.naming import Choice, Named, Round, carry, is_worth, rank
 from stages.science.discrepancy.settings import SearchSettings
@@ -144,12 +144,14 @@ def _take_two(
     names, first = looked.verdicts.names, looked.likeliest
     if first is None or names.get(MEMORY, 0.0) < max(names.values()) or known + 2 > settings.most_effects:
         return None
+    nameless = {each: names[each] for each in (NONE, *looked.verdicts.families)}
+    others = sum(its for each, its in names.items() if each not in nameless)
     both = Search([*found.outputs], [*found.rounds], [*found.named], [*found.steps])
-    _take(both, replace(first, probability=1.0), choices, settings, generator, divide)
-    again, others = rank(both.outputs, settings, divide)
+    _take(both, replace(first, probability=first.probability / others), choices, settings, generator, divide)
+    again, beside = rank(both.outputs, settings, divide)
     if again.named is None or {*again.named.elements} != {*first.elements}:
         return None
-    _take(both, again.named, others, settings, generator, divide)
+    _take(both, again.named, beside, settings, generator, divide)
     if len(both.named) < known + 2:
         return None
     changed = [each for each in zip(found.outputs, both.outputs, strict=True) if each[0] is not each[1]]
@@ -158,7 +160,8 @@ def _take_two(
     if doubt > 1.0 - settings.certain:
         return None
     both.named[known:] = [replace(each, probability=min(each.probability, 1.0 - doubt)) for each in both.named[known:]]
-    told = {each: doubt * its for each, its in names.items()} | {first.name: 1.0 - doubt}
+    left = doubt / sum(nameless.values())
+    told = {name: its * (left if name in nameless else (1.0 - doubt) / others) for name, its in names.items()}
     verdicts = replace(looked.verdicts, names=told)
     both.rounds[-1:] = [replace(looked, verdicts=verdicts, named=both.named[known]), again]
     return both
