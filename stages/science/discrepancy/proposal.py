@@ -80,7 +80,8 @@ def choose_round(
         if number in held.index:
             name, probability, like = held.loc[number]
             first = [name, NONE]
-            scaled = rows["probability"] * probability / rows.set_index("name")["probability"][name]
+            own = float(rows.set_index("name")["probability"][name])
+            scaled = rows["probability"] * probability / own if own > 0.0 else probability * (rows["name"] == name)
             scaled = scaled.where(rows["name"] != NONE, 1.0 - scaled[rows["name"] != NONE].sum())
             rows = rows.assign(probability=scaled.clip(lower=0.0))
         alike = [*first, *(like.split(",") if like else [])]

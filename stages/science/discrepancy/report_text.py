@@ -534,9 +534,8 @@ def _describe_effect(effect: Mapping[str, Any], verdict: Mapping[str, Any]) -> s
     ranking, standing = verdict["ranking"], [each["name"] for each in verdict["effects"]]
     first = effect is verdict["effects"][0]
     known = find_effect(effect["name"], effect["form"])
-    alike_names = (effect["name"], *effect["indistinguishable_from"])
     possible = [each for each in ranking if _is_candidate(each) or round(each["probability"], 2) > 0.0]
-    others = [each for each in possible if each["name"] not in alike_names and not each["absorbed"]]
+    others = [each for each in possible if each["name"] not in standing and not each["absorbed"]]
     following = min(others, key=lambda each: (-round(each["probability"], 3), each["heldout_gap"]), default=None)
     second = ""
     if following and first:

@@ -20,6 +20,8 @@ from stages.science.signals.trajectories import Array
 
 TRIED = 12
 """Iterations of the fit by which a form with a threshold is screened."""
+SMALL = 1e-3
+"""Size of an effect for which none was found, when it is compared with the constants."""
 
 
 @dataclass(frozen=True)
@@ -115,9 +117,10 @@ def _find_confounded(found: Fit, free: NDArray[np.int_], total: Array, size: flo
 
     Summed products of slopes, (F + 1, F + 1), are those of the values and last of the column, which has a size.
     """
+    size = size or SMALL  # an effect that was fitted to nothing is judged as a small one
     square = size**2 * float(total[-1, -1])
-    if square <= 0.0:
-        return 1.0
+    if square <= 0.0:  # it changes nothing in these data
+        return 0.0
     (low, high), sd = found.model.bounds, found.model.prior[1]
     room = (low - found.values)[free], (high - found.values)[free]
     shared, among = size * total[:-1, -1], total[:-1, :-1]
@@ -137,7 +140,7 @@ def _regress(fit: Fit, grams: Grams, column: int, signed: bool) -> tuple[float, 
     total = slopes.sum(axis=0)
     size = total[-1, -1]
     if size <= 0.0:  # it changes nothing in these data
-        return 0.0, 0.0, 1.0
+        return 0.0, 0.0, 0.0
     curvature = total + np.diag(precision) + np.diag(np.append(np.zeros(len(free)), 1e-9 * size))
     whole = np.linalg.solve(curvature, cross.sum(axis=0) + pull)
     scale = float(whole[-1]) if whole[-1] > 0.0 or signed else 1.0

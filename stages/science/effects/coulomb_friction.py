@@ -11,6 +11,7 @@ import numpy as np
 
 from stages.science.effects import PRESLIDING, name_terms, slide, take_share
 from stages.science.plant.effect import ChainEffect, DynamicEffect, ElementEffect, JointEffect, Parameter
+from stages.science.signals.operators import follow_stops
 
 SOURCE = (
     "Olsson, Astrom, Canudas de Wit, Gafvert, Lischinsky, Friction models and friction compensation, Eur. J. "
@@ -124,6 +125,21 @@ RUBBING_ELEMENT = ElementEffect(
     apply=lambda answer, bench, parameters: answer + parameters["share"] * np.tanh(bench.rate / parameters["sliding"]),
 )
 
+STRIBECK_ELEMENT = replace(
+    RUBBING_ELEMENT,
+    form="element_stribeck",
+    parameters=(RUBBING_ELEMENT.parameters[0], YIELDING_SLIDER.parameters[1], *STRIBECK_SLIDER.parameters[2:]),
+    source=STRIBECK_SLIDER.source,
+    signature="the answer steps whenever motion turns, by most where it is slow",
+    split_by="the same loop at three speeds: the step falls with speed",
+    apply=lambda answer, bench, parameters: (
+        answer
+        + parameters["share"]
+        * follow_stops(bench.along, np.array([parameters["presliding"]]))
+        * (1.0 + parameters["rise"] / (1.0 + (bench.rate / parameters["falling"]) ** 2))
+    ),
+)
+
 SLEEVE = replace(
     YIELDING_CABLE,
     form="sleeve",
@@ -139,4 +155,15 @@ SLEEVE = replace(
     apply=take_share(slide, at_pressure=True),
 )
 
-FORMS = (EFFECT, CABLE, YIELDING_CABLE, SLEEVE, SLIDER, STRIBECK_SLIDER, YIELDING_SLIDER, SPINNING, RUBBING_ELEMENT)
+FORMS = (
+    EFFECT,
+    CABLE,
+    YIELDING_CABLE,
+    SLEEVE,
+    SLIDER,
+    STRIBECK_SLIDER,
+    YIELDING_SLIDER,
+    SPINNING,
+    RUBBING_ELEMENT,
+    STRIBECK_ELEMENT,
+)

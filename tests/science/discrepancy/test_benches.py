@@ -92,6 +92,13 @@ def test_a_dashpot_is_no_late_sensor(generator):
     assert np.sqrt(left * found.outputs[0].output.averaged) == pytest.approx(0.3, rel=0.1)
 
 
+def test_what_is_not_there_is_not_told_as_absorbed(generator):
+    """Constants imitate a dashpot, if there is one; they could not imitate dry friction."""
+    found, names = look(record_spring(generator, 0.0))
+    absorbed = found.rounds[0].confounded_with_constants
+    assert (names, absorbed["coulomb_friction"] < 0.9) == ([], True)
+
+
 def test_noise_of_the_position_that_is_read_is_no_memory(generator):
     """Left in, it passes into the simulated force, and whatever averages over time takes it away."""
     found, names = look(record_spring(generator, 0.02))

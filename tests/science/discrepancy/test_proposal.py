@@ -198,6 +198,8 @@ def test_rivals_are_the_leading_names_of_the_least_sure_round():
     found = choose_round(with_none, named[:1], held, 3, 0.01)
     assert (found.number, found.standing, list(found.rivals)) == (2, 1, ["kink", "none", "line"])
     assert found.rivals["kink"] > found.rivals["none"] > found.rivals["line"]
+    vanished = with_none.assign(probability=with_none["probability"].where(with_none["name"] != "kink", 0.0))
+    assert choose_round(vanished, named[:1], held, 3, 0.01).rivals["kink"] == pytest.approx(0.5 / 1.01)
     assert list(choose_rivals(ranking[ranking["round"] == 2], [], 3, 0.04)) == ["kink", "bend"]
 
 
