@@ -93,20 +93,26 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
     family = FAMILIES.get(left["family"], "a flexible model")
     told = [_describe_effect(each, verdict) for each in effects]
     channels = [each["channel"] for each in effects]
+    likely = any(each["probability"] >= settings.search.certain for each in verdict["suspected"])
+    beyond = "what is suspected below" if likely else "something that the library does not hold"
+    left_out = " on trials left out of the fits" if gap["after"] < gap["noise_floor"] else ""
     if len(effects) > 1 and max(channels.count(each) for each in channels) >= settings.search.most_effects:
         doubt = "So many names in one channel may stand in for one effect that the library does not hold."
     else:
         doubt = "The noise floor is so far above the sensor's noise that it may hide what is there"
         if left["share"] > settings.report.least_share:
-            doubt = f"What is left ({_percent(left['share'])} of the gap above the noise) is more than forms of one "
-            doubt += "effect usually differ by"
-        doubt += ": the name may stand in for something that the library does not hold."
-    where = "On trials left out of the fits something" if gap["after"] < gap["noise_floor"] else "So much"
+            doubt = (
+                f"What is left{left_out} ({_percent(left['share'])} of the gap above the noise) is more than forms of "
+            )
+            doubt += "one effect usually differ by"
+        doubt += f": the name may stand in for {beyond}."
+    where = f"{left_out.strip().capitalize()} something" if left_out else "So much"
     more = f"would still take away {_percent(left['share'])} of what was above the noise"
     if left["share"] < settings.report.least_share:
         least = _percent(settings.report.least_share)
         where, more = "Something", f"predicts trials left out better, by less than {least} of what was above the noise"
-    remains = f"{where} remains: {family} {more}; that has no name in the library."
+    nameless = "it may be what is suspected below" if likely else "that has no name in the library"
+    remains = f"{where} remains: {family} {more}; {nameless}."
     them = "it" if len(effects) == 1 else "them"
     doubt_of_gap = "one trial gives neither interval nor p-value"
     if len(verdict["verification_trials"]) > 1:
@@ -311,7 +317,7 @@ def describe_few_trials(fitted: int, test: int, least: int) -> list[str]:
     """Return that fewer than the least number of fitted trials say little, if they are."""
     text = (
         f"This rests on {fitted} fitted trials and {test} opened at the end: intervals and probabilities say less "
-        f"than they seem to; record at least {least}."
+        f"than they seem to; record so many that there are {least} of each."
     )
     return [text] if fitted < least else []
 

@@ -97,7 +97,13 @@ MANY = "So many names in one channel may stand in for one effect"
             [SO_MUCH],
         ),
         ({**NAMED, "suspected": [LEAKAGE]}, [SUSPECTED], []),
+        (
+            {**NAMED, "remainder": {**LEFT_OVER, "imitated": 0.6}, "suspected": [{**LEAKAGE, "probability": 0.5}]},
+            ["it may be what is suspected below", "may stand in for what is suspected below"],
+            ["the library"],
+        ),
         ({**NAMED, "remainder": DOUBTED}, [IMITATION], []),
+        ({**NAMED, "remainder": DOUBTED, "gap": DEEP}, ["left on trials left out of the fits (8.0 %"], []),
         ({**NAMED, "remainder": {**DOUBTED, "imitated": 0.4}}, [], [IMITATION]),
         ({**NAMED, "remainder": DOUBTED, "effects": [EFFECT] * 3}, [MANY], []),
         ({**NAMED, "remainder": DOUBTED, "effects": [EFFECT, EFFECT, ELSEWHERE]}, [], [MANY]),
