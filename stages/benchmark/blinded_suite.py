@@ -90,7 +90,7 @@ BLIND_RANKING = Table(
         "session": column(str, "its name"),
         "place": column(int, "in the ranking", low=1),
         "name": column(str, "of the effect; none, or unknown"),
-        "probability": column(float, "sums to 1 but for what is unknown in another channel", low=0, high=1),
+        "probability": column(float, "sums to 1", low=0, high=1),
         "absorbed": column(bool, "whether the constants imitate it"),
     },
     key=("session", "name"),
@@ -210,7 +210,7 @@ def _list_hidden(truth: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 
 def _list_ranking(judged: Judgement, most_confounded: float) -> list[dict[str, Any]]:
-    rows = [row for row in rank_first(judged.found, judged.decision.doubts, most_confounded) if row["round"] == 1]
+    rows = [row for row in rank_first(judged.found, judged.decision, most_confounded) if row["round"] == 1]
     return [
         {**row, "probability": min(row["probability"], 1.0), "place": place} for place, row in enumerate(rows, start=1)
     ]

@@ -36,7 +36,7 @@ RANKING = Table(
         "site": column(str, "where it acts; empty where it is no effect"),
         "probability": column(
             float,
-            "that it is there, in this round; sums to 1 but for what is unknown in another channel",
+            "that it is there, in this round; sums to 1",
             low=0,
             high=1,
         ),
@@ -132,7 +132,7 @@ def name_effect(cfg: Config, tables: DatasetTables, nominal: NominalTables, ctx:
         for channel, each in decision.remainders.items()
     ]
     rows: list[list[Any]] = [
-        rank_first(found, decision.doubts, settings.report.most_confounded),
+        rank_first(found, decision, settings.report.most_confounded),
         [{name: getattr(decision, name) for name in DECISION.columns}],
         list_named(decision.effects, found.rounds),
         list_named(decision.suspected, found.rounds),

@@ -93,6 +93,7 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
         remainders = weigh_remainder(found, stand, steps[-1], limits, generator)
         imitated = {channel: limits.ambiguous_weight * each.ambiguous for channel, each in remainders.items()}
         stand = [replace(each, probability=each.doubt(imitated[each.channel])) for each in stand]
+        doubts = {channel: max(its, imitated[channel]) for channel, its in doubts.items()}
     for each, counts in counted:
         stand.append(each)
         both = enumerate(zip(found.outputs, steps[-1], strict=True))

@@ -59,7 +59,7 @@ def choose_next(
     prepared = prepare_all(build_dataset(plant, tables, purposes, settings).fitted_outputs)
     found = search(prepared, settings.search, starts)
     decision = decide(found, settings, signs)
-    ranking = pd.DataFrame(rank_first(found, decision.doubts, settings.report.most_confounded))
+    ranking = pd.DataFrame(rank_first(found, decision, settings.report.most_confounded))
     columns = ["round", "name", "probability", "indistinguishable_from"]
     named, suspected = (
         pd.DataFrame(list_named(each, found.rounds), columns=columns) for each in (decision.effects, decision.suspected)

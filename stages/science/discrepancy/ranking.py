@@ -1,10 +1,11 @@
 """What a search found, as rows: its rounds, the effects that it named, the values at each step."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 
+from stages.science.discrepancy.decision import Decision
 from stages.science.discrepancy.evidence import NONE
 from stages.science.discrepancy.fitted_channel import Fitted
 from stages.science.discrepancy.naming import Named, Round
@@ -13,20 +14,25 @@ from stages.science.discrepancy.search import Search
 UNKNOWN = "unknown"
 
 
-def rank_first(found: Search, doubts: Sequence[Mapping[str, float]], most_confounded: float) -> list[dict[str, Any]]:
+def rank_first(found: Search, decision: Decision, most_confounded: float) -> list[dict[str, Any]]:
     """Return a row for each candidate of each round of an ended search, the most probable first.
 
-    `doubts` are of each round, by channel, the probabilities that something without a name is left, which take their
-    part of the names in that channel, and the largest of what has none; `most_confounded` is the share of an effect's
-    change that the constants may imitate.
+    By its doubts a decision takes a share of every name; of the likeliest, where nothing and no family is likelier, as
+    much as is left over by the others, as in `Named.doubt`. By what it holds for unknown it takes a share of nothing.
+    ``unknown`` has what is taken. `most_confounded` is the share of an effect's change that the constants may imitate.
     """
     channels = [state.output.channel for state in found.outputs]
     rows = []
-    for number, (looked, doubt) in enumerate(zip(found.rounds, doubts, strict=True), start=1):
-        unknown, carries = max(doubt.values()), looked.verdicts.carries
-        beside = {name: doubt[channels[int(np.argmax(its))]] for name, its in carries.items()}
-        names = {name: (1.0 - beside.get(name, unknown)) * its for name, its in looked.verdicts.names.items()}
-        names = {name: min(its, 1.0) for name, its in names.items()} | {UNKNOWN: unknown}
+    for number, (looked, doubt) in enumerate(zip(found.rounds, decision.doubts, strict=True), start=1):
+        verdicts = looked.verdicts
+        beside = {name: doubt[channels[int(np.argmax(its))]] for name, its in verdicts.carries.items()}
+        beside |= dict.fromkeys(verdicts.families, 0.0) | {NONE: decision.unknown}
+        names = {name: (1.0 - beside[name]) * its for name, its in verdicts.names.items()}
+        first = max(verdicts.names, key=verdicts.names.__getitem__)
+        if first not in (NONE, *verdicts.families):
+            names[first] = min(verdicts.names[first], 1.0 - beside[first])
+        names = {name: min(its, 1.0) for name, its in names.items()}
+        names[UNKNOWN] = max(1.0 - sum(names.values()), 0.0)
         for name in sorted(names, key=lambda name: -names[name]):
             confounded = float(min(max(looked.confounded_with_constants.get(name, 0.0), 0.0), 1.0))
             as_now = NONE if name == UNKNOWN else name

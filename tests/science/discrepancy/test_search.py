@@ -32,7 +32,7 @@ def test_a_planted_effect_is_named(form, size, seed):
     assert (said.status, [each.name for each in said.effects]) == ("named", [form.name])
     assert said.effects[0].probability > 0.9
     assert said.unknown < 0.1
-    first = rank_first(found, said.doubts, 0.9)[0]
+    first = rank_first(found, said, 0.9)[0]
     assert (first["round"], first["name"], first["form"], first["site"]) == (1, form.name, "only", "muscle")
     assert found.outputs[0].current.fit.values[-1] == pytest.approx(size, rel=0.15)
 
@@ -137,8 +137,8 @@ def test_many_names_in_a_channel_may_be_one_without_a_name(names, shown, doubt, 
     assert left["y"].doubt == pytest.approx(doubt, abs=0.05)
 
 
-@pytest.mark.parametrize(("step", "first"), [(1, ("memory", 0.7)), (0, ("unknown", 1.0))])
-def test_a_name_that_was_not_added_keeps_its_probability_where_it_leaves_nothing(step, first, clean):
+@pytest.mark.parametrize("step", [1, 0])
+def test_a_name_that_was_not_added_keeps_its_probability_where_it_leaves_nothing(step, clean):
     found = clean[0]
     verdicts = replace(found.rounds[0].verdicts, names={"none": 0.0, "wave": 0.3, "memory": 0.7}, maps={"y": 0.0})
     undecided = replace(
@@ -149,10 +149,23 @@ def test_a_name_that_was_not_added_keeps_its_probability_where_it_leaves_nothing
         undecided=found.steps[step],
     )
     said = decide(undecided, DISCREPANCY, np.random.default_rng(1))
-    rows = {row["name"]: row["probability"] for row in rank_first(undecided, said.doubts, 0.9)}
-    assert next(iter(rows.items())) == (first[0], pytest.approx(first[1], abs=0.05))
+    rows = {row["name"]: row["probability"] for row in rank_first(undecided, said, 0.9)}
+    assert next(iter(rows.items())) == ("memory", 0.7)
     assert rows["wave"] == pytest.approx(0.3 * step, abs=0.03)
+    assert rows["unknown"] == pytest.approx(0.3 * (1 - step), abs=0.03)
     assert (said.status, said.remainders["y"].family) == ("unexplained", "memory")
+
+
+def test_a_doubted_name_is_as_probable_in_the_ranking_as_in_what_is_said(clean):
+    found, said = clean
+    names = {"wave": 0.6, "memory": 0.3, "none": 0.1}
+    rival = replace(found.rounds[0].verdicts, names=names, carries=dict.fromkeys(names, np.ones(1)))
+    doubted = replace(said, doubts=[{"y": 0.3}] * len(found.rounds))
+    looked = replace(found, rounds=[replace(found.rounds[0], verdicts=rival), *found.rounds[1:]])
+    rows = {row["name"]: row["probability"] for row in rank_first(looked, doubted, 0.9) if row["round"] == 1}
+    assert rows["wave"] == replace(found.named[0], probability=0.6).doubt(0.3) == 0.6
+    assert rows["memory"] == pytest.approx(0.3)
+    assert sum(rows.values()) == pytest.approx(1.0)
 
 
 def test_a_name_that_left_out_trials_do_not_confirm_is_suspected_and_taken_out_again(clean):
