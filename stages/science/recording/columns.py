@@ -106,7 +106,8 @@ def check_rows(frame: pd.DataFrame, key: Sequence[str]) -> None:
             raise RecordingError(f"column {name}: expected a value in every row, got none in {name_rows(empty)}")
     repeated = frame.duplicated(list(key))
     if repeated.any():
-        told = f"repeat an earlier one ({_describe_first(frame, repeated, key)}); remove them{anew}"
+        verb = "repeat" if repeated.sum() > 1 else "repeats"
+        told = f"{verb} an earlier one ({_describe_first(frame, repeated, key)}); remove them{anew}"
         raise RecordingError(f"column {time}: {name_rows(repeated)} {told}")
     back = (frame.groupby(stream, sort=False)[time].diff() if stream else frame[time].diff()) < 0.0
     if back.any():

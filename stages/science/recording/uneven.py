@@ -45,12 +45,15 @@ def even_out(frame: pd.DataFrame, signals: Sequence[str], largest_jitter: float,
 
 
 def _even_out_one(rows: pd.DataFrame, signals: Sequence[str], largest_jitter: float) -> tuple[pd.DataFrame, str]:
-    """Return a record on an even clock, and what was done: nothing where it is on one, or where its times are wrong."""
+    """Return a record on an even clock, and what was done: nothing where it is on one, or its times are wrong."""
     times = rows["time_s"].to_numpy(dtype=float)
     steps = np.diff(times)
     wrong = len(times) < FEWEST or not np.isfinite(times).all() or steps.min() < 0.0 or steps.max() == 0.0
     if wrong or not is_uneven(times, largest_jitter):
         return rows, ""
+    twice = rows.duplicated(["time_s", *signals]).to_numpy()
+    if twice.any() and not is_uneven(times[~twice], largest_jitter):
+        return rows, ""  # rows that were written twice, on a clock that is not rounded
     counted = count_rounded(times)
     if counted is not None:
         digit, even_s, rate = counted

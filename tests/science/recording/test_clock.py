@@ -119,6 +119,11 @@ def test_times_that_are_wrong_are_left_to_be_refused(times):
     assert even(frame)[0] is frame
 
 
+def test_a_row_that_was_written_twice_is_no_rounded_clock():
+    frame = record(np.insert(np.arange(2000) * 0.01, 500, 4.99))
+    assert even(frame)[0] is frame
+
+
 def test_steps_of_all_sizes_are_refused(generator):
     times = np.cumsum(generator.lognormal(-4.0, 2.0, 300))
     told = r"expected samples about evenly in time, got time steps of .* resample it"
