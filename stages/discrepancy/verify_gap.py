@@ -204,7 +204,7 @@ def verify_gap(
         *report_text.describe_absorbed(list_confounded(ranking, {row["channel"] for row in places})),
         *report_text.describe_together(ranking, named),
         *report_text.describe_times(verdict["effects"], dataset.plant),
-        *(report_text.describe_scales(dataset.plant) if status == "named" else []),
+        *(report_text.describe_scales(dataset.plant) if status != "no_discrepancy" else []),
         *report_text.describe_loaded_maps(dataset),
         report_text.describe_bands(bands),
         *report_text.describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),

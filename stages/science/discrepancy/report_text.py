@@ -112,7 +112,8 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
         least = _percent(settings.report.least_share)
         where, more = "Something", f"predicts trials left out better, by less than {least} of what was above the noise"
     nameless = "it may be what is suspected below" if likely else "that has no name in the library"
-    remains = f"{where} remains: {family} {more}; {nameless}."
+    hum = f"; beside it {_describe_line(left['line_hz'])}" if left["line_hz"] is not None else ""
+    remains = f"{where} remains: {family} {more}; {nameless}{hum}."
     them = "it" if len(effects) == 1 else "them"
     doubt_of_gap = "one trial gives neither interval nor p-value"
     if len(verdict["verification_trials"]) > 1:
@@ -130,6 +131,10 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
         *([remains] if left["status"] == "unexplained" else []),
         *_describe_suspected(verdict),
     ]
+
+
+def _describe_line(line_hz: float) -> str:
+    return f"an oscillation at {line_hz:.3g} Hz runs through all trials, which the simulation lacks"
 
 
 def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySettings) -> list[str]:
@@ -164,7 +169,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     unchanged = "" if left["learned_maps"] else ", and the plant is not changed but for its fitted constants"
     line_hz, mapped = left["line_hz"], left["family"] == STATIC_MAP
     family = FAMILIES.get(left["family"], "a flexible model")
-    hum = f"an oscillation at {line_hz or 0.0:.3g} Hz runs through all trials, which the simulation lacks"
+    hum = _describe_line(line_hz or 0.0)
     if line_hz is not None and not mapped:
         reproducible = hum
     elif left["family"] is None and share < settings.report.least_share:

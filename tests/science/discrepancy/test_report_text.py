@@ -92,6 +92,11 @@ MANY = "So many names in one channel may stand in for one effect"
         ({**NAMED, "remainder": LEFT_OVER}, [CLOSED, SO_MUCH], []),
         ({**NAMED, "remainder": {**LEFT_OVER, "share": 0.004}}, [LITTLE], ["0.40 %"]),
         (
+            {**NAMED, "remainder": {**LEFT_OVER, "line_hz": 10.3}},
+            [SO_MUCH, "an oscillation at 10.3 Hz runs through"],
+            [],
+        ),
+        (
             {**NAMED, "remainder": LEFT_OVER, "gap": DEEP},
             ["On trials left out of the fits something remains"],
             [SO_MUCH],
