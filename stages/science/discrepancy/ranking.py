@@ -25,7 +25,8 @@ def rank_first(found: Search, decision: Decision, most_confounded: float) -> lis
     rows = []
     for number, (looked, doubt) in enumerate(zip(found.rounds, decision.doubts, strict=True), start=1):
         verdicts = looked.verdicts
-        beside = {name: doubt[channels[int(np.argmax(its))]] for name, its in verdicts.carries.items()}
+        beside = dict.fromkeys(verdicts.names, max(doubt.values()))
+        beside |= {name: doubt[channels[int(np.argmax(its))]] for name, its in verdicts.carries.items()}
         beside |= dict.fromkeys(verdicts.families, 0.0) | {NONE: decision.unknown}
         names = {name: (1.0 - beside[name]) * its for name, its in verdicts.names.items()}
         first = max(verdicts.names, key=verdicts.names.__getitem__)

@@ -7,6 +7,7 @@ import pandas as pd
 import pytest
 
 from stages.science.discrepancy.decision import decide
+from stages.science.discrepancy.ranking import rank_first
 from stages.science.output_channels.whole_record_channel import WholeRecordChannel
 from tests.science.discrepancy.searches import DISCREPANCY, look, read_values
 from tests.science.discrepancy.simulated_records import (
@@ -148,6 +149,9 @@ def test_two_effects_are_named_where_a_third_alone_is_like_both():
     assert sizes["coulomb_friction"] == approx(0.35, rel=0.05)
     assert -6.0 < sizes["cubic_stiffness"] / state.output.plant.time_scale_s**2 < -3.0
     assert state.ratio(state.current.raw) < 1.1
+    rows = rank_first(found, decide(found, DISCREPANCY, np.random.default_rng(1)), 0.99)
+    assert "hysteresis" in [row["name"] for row in rows if row["round"] == 1]
+    assert sum(row["probability"] for row in rows if row["round"] == 1) == approx(1.0)
 
 
 @pytest.mark.parametrize("plain", PLAIN)
