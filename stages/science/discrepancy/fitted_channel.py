@@ -9,7 +9,7 @@ from functools import cached_property
 
 import numpy as np
 
-from stages.science.discrepancy.screening import Screened, screen
+from stages.science.discrepancy.screening import Screened
 from stages.science.output_channels.families import Blocks, build_memory, build_static_map, choose_family
 from stages.science.output_channels.features import build_features
 from stages.science.output_channels.fitting import Fit, Model, fit
@@ -130,11 +130,10 @@ class FittedChannel:
         """A memory of them."""
         return build_memory(self.output)
 
-    def screen(self) -> list[Screened]:
-        """Return the screening results of the forms that are not in the model yet."""
+    def list_absent(self) -> list[NamedEffect]:
+        """Return the forms whose effects are not in the model yet."""
         held = {form.name for form in self.current.forms}
-        forms = [form for form in self.output.forms if form.name not in held]
-        return screen(self.current.fit, self.noise, forms)
+        return [form for form in self.output.forms if form.name not in held]
 
     @property
     def samples(self) -> Array:

@@ -11,7 +11,7 @@ import numpy as np
 
 from stages.science.discrepancy.evidence import MEMORY, NONE, STATIC_MAP, Beside, Verdicts, weigh_names
 from stages.science.discrepancy.fitted_channel import Fitted, FittedChannel, fit_plain, list_kept
-from stages.science.discrepancy.screening import Screened
+from stages.science.discrepancy.screening import Screened, screen, split_forms
 from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import TrialScores, compare_by
 from stages.science.output_channels.families import join
@@ -84,8 +84,12 @@ def _list_candidates(
     """Return the screening results of outputs, as gaps may show only with a form; gains are zero if none matters."""
     least, worth = 0.5 * (settings.smallest_gap - 1.0), set()
     fresh = [state for state in outputs if state.promises is None]
-    for state, found in zip(fresh, divide(FittedChannel.screen, fresh, list_kept(fresh)), strict=True):
-        state.promises = found
+    tasks = [(state, part) for state in fresh for part in split_forms(state.list_absent())]
+    kept = [*list_kept(fresh), *(form for _, part in tasks for form in part)]
+    found = divide(lambda each: screen(each[0].current.fit, each[0].noise, each[1]), tasks, kept)
+    for state in fresh:
+        both = zip(tasks, found, strict=True)
+        state.promises = [each for (its, _), promised in both if its is state for each in promised]
     listed = [[each for each in state.promises or () if each.form.name not in settings.left_out] for state in outputs]
     for state, promised in zip(outputs, listed, strict=True):
         gap = state.ratio(state.current.raw) > 1.0 + least

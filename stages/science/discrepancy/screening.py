@@ -41,15 +41,22 @@ class Screened:
     known: Array
 
 
+def split_forms(forms: Sequence[NamedEffect]) -> list[list[NamedEffect]]:
+    """Return forms in parts, each of which `screen` judges alone as beside the others; what is fitted comes first."""
+    fitted = [form for form in forms if form.tried or not form.scales]
+    return [*([form] for form in fitted), [form for form in forms if form.scales and not form.tried]]
+
+
 def screen(fit: Fit, noise: Noise, forms: Sequence[NamedEffect]) -> list[Screened]:
     """Return the screening result of each form, from the best of its starts."""
     output = fit.model.output
     present = output.present
     constants, placed = fit.model.name_values(fit.values)
     simulated = output.simulate(constants, placed)
-    best = _try_starts(fit, [form for form in forms if form.tried or not form.scales])
+    *fitted, scaled = split_forms(forms)
+    best = _try_starts(fit, [form for (form,) in fitted])
     tried = []
-    for form in [each for each in forms if each.scales and not each.tried]:
+    for form in scaled:
         for start in output.starts(form, constants):
             change = output.simulate(constants, [*placed, (form, start)]) - simulated
             if np.isfinite(change).all() and np.abs(change[present]).max(initial=0.0) > 0.0:
