@@ -211,6 +211,4 @@ def _list_hidden(truth: Mapping[str, Any]) -> list[dict[str, Any]]:
 
 def _list_ranking(judged: Judgement, most_confounded: float) -> list[dict[str, Any]]:
     rows = [row for row in rank_first(judged.found, judged.decision, most_confounded) if row["round"] == 1]
-    return [
-        {**row, "probability": min(row["probability"], 1.0), "place": place} for place, row in enumerate(rows, start=1)
-    ]
+    return [{**row, "place": place} for place, row in enumerate(rows, start=1)]

@@ -34,12 +34,7 @@ RANKING = Table(
         ),
         "form": column(str, "its forms, most probable on each muscle; empty where it is no effect"),
         "site": column(str, "where it acts; empty where it is no effect"),
-        "probability": column(
-            float,
-            "that it is there, in this round; sums to 1",
-            low=0,
-            high=1,
-        ),
+        "probability": column(float, "that it is there, in this round; sums to 1", low=0, high=1),
         "heldout_gap": column(
             float, "RMSE over range, root mean square over channels, trials left out", percent=True, low=0
         ),

@@ -101,10 +101,8 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
     else:
         doubt = "The noise floor is so far above the sensor's noise that it may hide what is there"
         if left["share"] > settings.report.least_share:
-            doubt = (
-                f"What is left{left_out} ({_percent(left['share'])} of the gap above the noise) is more than forms of "
-            )
-            doubt += "one effect usually differ by"
+            share = f"{_percent(left['share'])} of the gap above the noise"
+            doubt = f"What is left{left_out} ({share}) is more than forms of one effect usually differ by"
         doubt += f": the name may stand in for {beyond}."
     where = f"{left_out.strip().capitalize()} something" if left_out else "So much"
     more = f"would still take away {_percent(left['share'])} of what was above the noise"
@@ -371,7 +369,7 @@ def describe_together(ranking: pd.DataFrame, named: pd.DataFrame) -> list[str]:
     return [
         f"Alone, {_spell(name)} leaves {_percent(left[number, name])} of range in trials left out of the fit, and a "
         f"memory of the inputs less ({_percent(left[number, MEMORY])}); with {_spell(other)} it leaves "
-        f"{_percent(left[number + 1, other])}. They are named together."
+        f"{_percent(left[number + 1, other])}."
         for number, name, other in pairs
         if left[number, name] > left.get((number, MEMORY), math.inf)
     ]

@@ -17,9 +17,9 @@ from stages.science.discrepancy.settings import SearchSettings
 from stages.science.discrepancy.trial_scores import compare_by
 from stages.science.output_channels.families import join
 from stages.science.output_channels.fitting import fit
-from stages.science.output_channels.noise import make_plain
+from stages.science.output_channels.noise import Noise, make_plain
 from stages.science.output_channels.output_channel import Divide, compute_here, list_starts
-from stages.science.output_channels.trial_noise import estimate_trial_noise
+from stages.science.output_channels.trial_noise import TrialNoise, estimate_trial_noise
 
 FRESH_STARTS, LONG = 4, 30
 """Number of other starts of the final fit of a named effect, and of iterations of each."""
@@ -170,8 +170,10 @@ def _take_two(
 def _compare_with_memory(before: FittedChannel, after: FittedChannel, settings: SearchSettings) -> float:
     """Return by how much, nats, a fit predicts trials left out better than one with a memory, a static map or none."""
     output, fitted, largest = before.output, after.current, settings.largest_jitter
-    plain, jittered = make_plain(fitted.fit.spread), estimate_trial_noise(fitted.residual, output, largest)
-    noise, lawless = jittered if output.jitters else plain, before.static_map
+    noise: Noise | TrialNoise = make_plain(fitted.fit.spread)
+    if output.jitters:
+        noise = estimate_trial_noise(fitted.residual, output, largest)
+    lawless = before.static_map
     remembering = [before.current.refit(noise, each) for each in (before.memory, join(lawless, before.memory))]
     naming = [fitted, fitted.refit(noise, lawless)]
     best = min((*remembering, *naming), key=lambda each: float((each.residual**2).sum()))
