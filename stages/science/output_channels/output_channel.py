@@ -175,10 +175,11 @@ class OutputChannel(ABC):
         """
         return features
 
-    def recall(self, most: int) -> Array:
+    def recall(self, most: int, answer: Array | None = None) -> Array:
         """Return delayed inputs, at most `most` columns, (T, K, F): regressors of a finite impulse response.
 
-        There are none for a channel whose upstream signals are measured next to it.
+        Of an answer, (T, K), what that was before. There are none for a channel whose upstream signals are measured
+        next to it.
         """
         return np.empty((*self.measured.shape, 0))
 

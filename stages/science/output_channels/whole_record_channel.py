@@ -197,10 +197,14 @@ class WholeRecordChannel(OutputChannel):
     @cached_property
     def _shown(self) -> dict[int, Array]:
         """Output of the records that have a block, NaN where no block shows it."""
+        return self._join(self.measured)
+
+    def _join(self, blocks: Array) -> dict[int, Array]:
+        """Return the records of which these are blocks, (T, K), NaN where no block shows the output."""
         shown = {record: np.full(len(self.records[record][self.plant.output]), np.nan) for record in self._used}
         for k, (record, first) in enumerate(self.places):
             at = first + np.flatnonzero(self.present[:, k])
-            shown[record][at] = self.measured[self.present[:, k], k]
+            shown[record][at] = blocks[self.present[:, k], k]
         return shown
 
     @cached_property
@@ -245,14 +249,17 @@ class WholeRecordChannel(OutputChannel):
         """Return the features of a flexible model as the plant's output answers to them."""
         return self.plant.respond(features, self.step_s)
 
-    def recall(self, most: int) -> Array:
-        """Return the inputs at each sample and at those before it, at most `most` columns, (T, K, F)."""
-        lags = most // len(self.plant.inputs)
+    def recall(self, most: int, answer: Array | None = None) -> Array:
+        """Return the inputs, or an answer, at each sample and at those before it, at most `most` columns, (T, K, F)."""
+        if answer is None:
+            whole = [{k: self.records[k][name] for k in self._used} for name in self.plant.inputs]
+        else:
+            shown = self._join(answer)
+            whole = [{k: bridge(pd.Series(each)) for k, each in shown.items()}]
         columns = []
-        for name in self.plant.inputs:
-            centred = {k: self.records[k][name] - self.records[k][name].mean() for k in self._used}
-            for lag in range(lags):
-                late = {k: np.concatenate([np.zeros(lag), each])[: len(each)] for k, each in centred.items()}
+        for each in whole:
+            for lag in range(most // len(whole)):
+                late = {k: np.concatenate([np.zeros(lag), v - v.mean()])[: len(v)] for k, v in each.items()}
                 columns.append(self._cut(late))
         return np.stack(columns, axis=2)
 

@@ -1,4 +1,4 @@
-"""Filters of sampled signals, each column on its own: lags, a shift in time, and a reading that ends."""
+"""Filters of sampled signals, each column on its own: lags, a resonance, a shift in time, and a reading that ends."""
 
 import numpy as np
 from numba import njit
@@ -29,6 +29,33 @@ def lag(signal: Array, tau_s: float, step_s: float, held: bool = False) -> Array
         return _lag_straight(np.ascontiguousarray(signal), decay, 1.0 - decay, 0.0)
     mean = -np.expm1(-ratio) / ratio
     return _lag_straight(np.ascontiguousarray(signal), decay, mean - decay, 1.0 - mean)
+
+
+@njit(cache=True, error_model="numpy")
+def _resonate(signal: Array, damping: float, step: float) -> Array:
+    """Return the response to a signal (T, K); `step` is the time between samples in units of one over the frequency."""
+    turn = np.sqrt(1.0 - damping**2)
+    fall, cosine, sine = np.exp(-damping * step), np.cos(turn * step), np.sin(turn * step) / turn
+    shown = np.empty_like(signal)
+    shown[0] = signal[0]
+    for m in range(signal.shape[1]):
+        rate = 0.0
+        for k in range(1, signal.shape[0]):
+            slope = (signal[k, m] - signal[k - 1, m]) / step
+            left, speed = shown[k - 1, m] - signal[k - 1, m] + 2.0 * damping * slope, rate - slope
+            shown[k, m] = signal[k, m] - 2.0 * damping * slope
+            shown[k, m] += fall * (left * (cosine + damping * sine) + speed * sine)
+            rate = slope + fall * (speed * (cosine - damping * sine) - left * sine)
+    return shown
+
+
+def resonate(signal: Array, tau_s: float, damping: float, step_s: float) -> Array:
+    """Return the exact response of a resonator to a signal (T, K) that runs straight from sample to sample.
+
+    Of its undamped frequency `tau_s` is one over, per rad; the damping ratio is below one. It is at rest at the first
+    sample; a time constant of zero returns the signal itself.
+    """
+    return signal if tau_s <= 0.0 else _resonate(np.ascontiguousarray(signal), damping, step_s / tau_s)
 
 
 def shift(signal: Array, samples: float) -> Array:
