@@ -17,9 +17,9 @@ EFFECT = ElementEffect(
             0.0,
             0.03,
             "one over the sensor's undamped angular frequency, over the pace",
-            (0.005, 0.007, 0.01, 0.014, 0.02, 0.028, 0.04, 0.056, 0.08, 0.11, 0.16),
+            (0.005, 0.01, 0.02, 0.04, 0.08, 0.16),
         ),
-        Parameter("damping", "1", 0.01, 0.7, 0.1, 0.1, "damping ratio of the sensor", (0.1,)),
+        Parameter("damping", "1", 0.01, 0.7, 0.1, 0.1, "damping ratio of the sensor", (0.3,)),
     ),
     source="Doebelin, Measurement systems: application and design, 5th edition (2004), chapter 3: instruments",
     signature="an oscillation of one frequency that dies away after each quick change of the answer",
@@ -27,6 +27,6 @@ EFFECT = ElementEffect(
     apply=lambda answer, bench, parameters: resonate(
         answer, parameters["paces"] * bench.time_scale_s, parameters["damping"], bench.step_s
     ),
-    tried=True,
+    scales=False,
     sensed=True,
 )

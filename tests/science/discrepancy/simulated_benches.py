@@ -1,7 +1,7 @@
 """Records of elements on test benches, by equations of their own at small steps; laws are a little other."""
 
 import numpy as np
-from scipy.signal import lfilter
+from scipy.signal import lfilter, lsim, lti
 
 FINE_HZ = 1000.0
 PATH_NOISE, WANDER, BEGUN = 2e-4, 0.5, 20000
@@ -12,6 +12,13 @@ def follow(signal, tau_s):
     """A first-order lag, settled at first."""
     decay = np.exp(-1.0 / (FINE_HZ * tau_s))
     return lfilter([1.0 - decay], [1.0, -decay], signal, zi=[decay * signal[0]])[0]
+
+
+def ring(signal, hertz, damping):
+    """What a sensor that is a mass on a spring shows."""
+    frequency, begun = 2.0 * np.pi * hertz, signal[0]
+    sensor = lti([frequency**2], [1.0, 2.0 * damping * frequency, frequency**2])
+    return lsim(sensor, signal - begun, np.arange(len(signal)) / FINE_HZ)[1] + begun
 
 
 def roam(generator, samples, hertz):
@@ -78,10 +85,10 @@ BENCHES = {
 """By machine: what simulates it, what it answers, and the keys that name its signals."""
 
 
-def record_bench(machine, effect, size, seed, rate_hz, seconds=64.0, filter_s=0.0):
+def record_bench(machine, effect, size, seed, rate_hz, seconds=64.0, filter_s=0.0, rings=None):
     """Return signals of a record at a rate; the effect has a size over half the answer's range.
 
-    The answer's sensor may have a filter.
+    The answer's sensor may have a filter, or ring at some hertz with some damping.
     """
     generator = np.random.default_rng([seed, len(machine)])
     samples = int(seconds * FINE_HZ)
@@ -104,6 +111,7 @@ def record_bench(machine, effect, size, seed, rate_hz, seconds=64.0, filter_s=0.
     wander = follow(generator.standard_normal(samples + BEGUN), 2.0)[BEGUN:]
     answer = answer + sign * size * scale * added + WANDER * noise * wander / wander.std()
     answer = follow(answer, filter_s) if filter_s else answer
+    answer = ring(answer, *rings) if rings else answer
     every = int(FINE_HZ / rate_hz)
     told = {name: each[::every] for name, each in signals.items()}
     told = {name: v + PATH_NOISE * np.ptp(v) * generator.standard_normal(len(v)) for name, v in told.items()}

@@ -14,9 +14,9 @@ pytestmark = pytest.mark.slow
 SEEDS = {"muscle": 1, "cylinder": 2, "damper": 3, "finger": 4}
 
 
-def search_bench(machine, effect, size, rate_hz, generator, filter_s=0.0):
+def search_bench(machine, effect, size, rate_hz, generator, **sensor):
     """Return the names that stand, and the squared gap beside them over that of the law, in fitted trials."""
-    signals = record_bench(machine, effect, size, SEEDS[machine], rate_hz, filter_s=filter_s)
+    signals = record_bench(machine, effect, size, SEEDS[machine], rate_hz, **sensor)
     plant = read_plant(machine, **BENCHES[machine][2])
     found, _ = look(build_records(*tabulate(signals, 1.0 / rate_hz), plant))
     verdict = decide(found, DISCREPANCY, generator)
@@ -62,14 +62,22 @@ def test_a_law_that_is_a_little_wrong_gets_no_name(machine, rate_hz, generator):
 )
 def test_an_effect_behind_a_filter_is_named_beside_it(machine, effect, rate_hz, filter_s, generator):
     """A memory is likelier than either alone."""
-    names, left = search_bench(machine, effect, 0.06, rate_hz, generator, filter_s)
+    names, left = search_bench(machine, effect, 0.06, rate_hz, generator, filter_s=filter_s)
     assert sorted(names) == sorted([effect, "channel_misalignment"])
     assert left < 0.02
 
 
 @pytest.mark.parametrize("machine", ["muscle", "cylinder"])
 def test_a_filter_alone_is_named_alone(machine, generator):
-    assert search_bench(machine, "none", 0.0, 25, generator, 0.1)[0] == ["channel_misalignment"]
+    assert search_bench(machine, "none", 0.0, 25, generator, filter_s=0.1)[0] == ["channel_misalignment"]
+
+
+@pytest.mark.parametrize(("machine", "hertz", "damping"), [("muscle", 9.0, 0.1), ("cylinder", 2.5, 0.3)])
+@pytest.mark.parametrize("effect", ["none", "coulomb_friction"])
+def test_a_sensor_that_rings_is_named_alone_and_beside_friction(machine, hertz, damping, effect, generator):
+    names, left = search_bench(machine, effect, 0.06, 100, generator, rings=(hertz, damping))
+    assert sorted(names) == sorted({"sensor_resonance", effect} - {"none"})
+    assert left < 0.2
 
 
 def record_spring(generator, noise, viscous=0.0, records=4):

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.signal import lsim, lti
 
 from tests.science.plant.machines import read_machine, read_plant, simulate
 
@@ -97,6 +98,18 @@ def test_an_answer_behind_a_filter_in_closed_form():
     found, plain = (simulate(plant, SIGNALS, constants, each) for each in ([effect], []))
     np.testing.assert_allclose(found, follow(plain, tau_s), atol=2e-3 * np.ptp(plain))
     assert np.abs(found - plain).max() > 0.02 * np.ptp(plain)
+
+
+@pytest.mark.parametrize("damping", [0.05, 0.5])
+def test_an_answer_of_a_sensor_that_rings_as_scipy_has_it(damping):
+    plant, tau_s = settle("cylinder"), 0.05
+    constants = LAWS["cylinder"][0] | {"offset": 0.0}
+    effect = ("sensor_resonance", "element", {"paces": tau_s / plant.time_scale_s, "damping": damping})
+    found, plain = (simulate(plant, SIGNALS, constants, each) for each in ([effect], []))
+    sensor = lti([1.0], [tau_s**2, 2.0 * damping * tau_s, 1.0])
+    rung = lsim(sensor, plain - plain[0], STEP_S * np.arange(len(plain)))[1] + plain[0]
+    np.testing.assert_allclose(found, rung, atol=1e-9 * np.ptp(plain))
+    assert np.abs(found - plain).max() > 0.005 * np.ptp(plain)
 
 
 @pytest.mark.parametrize("lagged", [False, True])
