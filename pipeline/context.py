@@ -8,7 +8,7 @@ from __future__ import annotations
 import hashlib
 import logging
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
 from pathlib import Path
@@ -213,7 +213,17 @@ class Context:
 
         Nothing is pickled but the results, less the objects `kept` that they hold; for the rest it is as `spread`.
         """
-        return divide(function, jobs, 1 if self._is_alone else self.workers.count, kept, self.record.check)
+        with self.progress("parts", len(jobs)) if len(jobs) > 1 else nullcontext(lambda note: None) as advance:
+            begun = 0
+
+            def begin(place: int) -> None:
+                nonlocal begun
+                self.record.check()
+                while begun < place:  # forks take jobs in between
+                    advance("")
+                    begun += 1
+
+            return divide(function, jobs, 1 if self._is_alone else self.workers.count, kept, begin)
 
     def gather(
         self, description: str, function: Callable[..., Iterable[Result]], jobs: Mapping[str, tuple[Any, ...]]

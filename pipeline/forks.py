@@ -15,7 +15,7 @@ from contextlib import suppress
 from multiprocessing.connection import Connection
 from typing import Any
 
-from pipeline.workers import Job, Result, Workers, begin_worker
+from pipeline.workers import Job, Result, begin_worker
 
 TOKEN, MOST = 4, 16000
 """Bytes that stand for a task, and the largest number of tasks: so many fit into a pipe that nobody reads yet."""
@@ -98,25 +98,29 @@ def divide(
     tasks: Sequence[Job],
     processes: int,
     kept: Iterable[object] = (),
-    check: Callable[[], None] = lambda: None,
+    begin: Callable[[int], None] = lambda place: None,
 ) -> list[Result]:
     """Return ``work(task)`` of independent tasks, in order, done by this process and forks of it.
 
     Each takes the next task when it has done one. What a fork fails at or loses is done here, so that a fault is told
-    with its traceback. Results can be pickled, but for the `kept` objects that they hold. Before each task, `check`
-    raises if the run is to stop.
+    with its traceback. Results can be pickled, but for the `kept` objects that they hold. Before each task that is
+    done here, `begin` is given its place, and raises if the run is to stop.
     """
     if min(processes, len(tasks)) <= 1 or len(tasks) > MOST or not can_fork():
-        return list(Workers(1).spread(work, tasks, check))
+        found: list[Result] = []
+        for task in tasks:
+            begin(len(found))
+            found.append(work(task))
+        return found
     queue, filled = os.pipe()
     os.write(filled, b"".join(place.to_bytes(TOKEN, "little") for place in range(len(tasks))))
     os.close(filled)
     done: dict[int, Result] = {}
 
-    def take(check: Callable[[], None] = lambda: None) -> None:
+    def take(begin: Callable[[int], None] = lambda place: None) -> None:
         while token := os.read(queue, TOKEN):
-            check()
             place = int.from_bytes(token, "little")
+            begin(place)
             done[place] = work(tasks[place])
 
     def take_while_good() -> dict[int, Result]:
@@ -127,7 +131,7 @@ def divide(
     forks: list[Fork] = []
     try:
         forks += [Fork(take_while_good, kept) for _ in range(min(processes, len(tasks)) - 1)]
-        take(check)
+        take(begin)
         for each in forks:
             with suppress(EOFError):
                 done |= each.finish()

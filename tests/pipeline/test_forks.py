@@ -75,18 +75,25 @@ def test_what_a_killed_or_failing_fork_lost_is_done_here(number):
     assert not any(away for task, away in found if task > 2)
 
 
+@pytest.mark.parametrize("processes", [1, pytest.param(2, marks=forked)])
+def test_how_far_tasks_are_is_told_before_each_that_is_done_here(processes):
+    begun = []
+    done = divide(lambda _: (time.sleep(0.01), os.getpid())[1], range(12), processes, begin=begun.append)
+    assert begun == [place for place, process in enumerate(done) if process == HERE]
+
+
 @forked
 def test_forks_end_with_a_run_that_is_to_stop(tmp_path):
     def work(number):
         (tmp_path / str(os.getpid())).touch()
         time.sleep(0.02 if not in_a_fork() else 60.0)
 
-    def check():
+    def begin(place):
         if (tmp_path / str(HERE)).exists():
             raise KeyboardInterrupt
 
     with pytest.raises(KeyboardInterrupt):
-        divide(work, range(4), 3, check=check)
+        divide(work, range(4), 3, begin=begin)
     assert not multiprocessing.active_children()
 
 
