@@ -131,9 +131,9 @@ class FittedChannel:
         return build_memory(self.output)
 
     def list_absent(self) -> list[NamedEffect]:
-        """Return the forms whose effects are not in the model yet."""
-        held = {form.name for form in self.current.forms}
-        return [form for form in self.output.forms if form.name not in held]
+        """Return the forms whose effects, and others of the same cause, are not in the model yet."""
+        held = {name for form in self.current.forms for name in (form.name, form.instead_of) if name}
+        return [form for form in self.output.forms if held.isdisjoint((form.name, form.instead_of))]
 
     @property
     def samples(self) -> Array:

@@ -28,5 +28,6 @@ EFFECT = ElementEffect(
         answer, parameters["paces"] * bench.time_scale_s, parameters["damping"], bench.step_s
     ),
     scales=False,
+    instead_of="channel_misalignment",
     sensed=True,
 )

@@ -103,6 +103,8 @@ class NamedEffect:
     """Whether what it does grows in proportion to its magnitude, to begin with."""
     tried: bool = False
     """Whether a search judges it by some steps of a fit from each of its starts, and not by a slope."""
+    instead_of: str = ""
+    """Name of another effect that has the same cause: beside either, a search does not look for the other."""
 
 
 @dataclass(frozen=True, kw_only=True)

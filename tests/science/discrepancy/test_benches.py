@@ -68,8 +68,9 @@ def test_an_effect_behind_a_filter_is_named_beside_it(machine, effect, rate_hz, 
 
 
 @pytest.mark.parametrize("machine", ["muscle", "cylinder"])
-def test_a_filter_alone_is_named_alone(machine, generator):
-    assert search_bench(machine, "none", 0.0, 25, generator, filter_s=0.1)[0] == ["channel_misalignment"]
+@pytest.mark.parametrize("sensor", [{"filter_s": 0.1}, {"filter_s": 0.02, "rings": (4.0, 1.0)}])
+def test_a_filter_alone_is_named_alone_whatever_its_order(machine, sensor, generator):
+    assert search_bench(machine, "none", 0.0, 25, generator, **sensor)[0] == ["channel_misalignment"]
 
 
 @pytest.mark.parametrize(("machine", "hertz", "damping"), [("muscle", 9.0, 0.1), ("cylinder", 2.5, 0.3)])
