@@ -141,7 +141,7 @@ def read_delimited(path: Path) -> tuple[pd.DataFrame, Header]:
         f"thousands, in {', '.join(others)}": bool(others),
         f"a row of units: {', '.join(filter(None, units))}": any(units),
         "no names of columns, which are counted: column_1, column_2, ...": not names,
-        "characters of Windows (cp1252)": encoding == "cp1252",
+        "characters of Windows (cp1252); if names look wrong, save the file as UTF-8": encoding == "cp1252",
         f"{_count(above, 'line')} above the table left alone": above > 0,
     }
     said = tuple(each for each, holds in remarks.items() if holds)
