@@ -258,8 +258,9 @@ class WholeRecordChannel(OutputChannel):
             whole = [{k: bridge(pd.Series(each)) for k, each in shown.items()}]
         columns = []
         for each in whole:
+            centred = {k: v - v.mean() for k, v in each.items()}
             for lag in range(most // len(whole)):
-                late = {k: np.concatenate([np.zeros(lag), v - v.mean()])[: len(v)] for k, v in each.items()}
+                late = {k: np.concatenate([np.zeros(lag), v])[: len(v)] for k, v in centred.items()}
                 columns.append(self._cut(late))
         return np.stack(columns, axis=2)
 
