@@ -26,7 +26,8 @@ ORDERS, FEWEST = 99, 5
 """Other orders of the trials in all of which a drift has to explain less, and trials below which there are too few."""
 MEMORY, SESSION_CHANGE = "memory", "session_change"
 """Families of models without a name: a linear memory of the inputs, and a drift of values along the session."""
-PENALTIES = (1e4, 1e3, 1e2, 1e1, 1.0, 1e-1)
+PENALTIES = (1e4, 1e3, 1e2, 1e1, 1.0, 1e-1, 1e-2, 1e-3)
+"""Of weights, all tried: what is left may rise before it falls, where a smooth signal needs large weights."""
 FOLDS = 5
 MEMORY_SAMPLES = 200
 """Largest number of delayed samples of all inputs in a linear memory."""
@@ -237,9 +238,8 @@ def _leave_each_out(white: Array, collect: Callable[[int], Array], precision: Ar
         ]
         weights = np.stack(solved)
         left = grams.left_out(weights)
-        if best is not None and left[learnt].sum() >= best[0]:
-            break
-        best = (float(left[learnt].sum()), weights)
+        if best is None or left[learnt].sum() < best[0]:
+            best = (float(left[learnt].sum()), weights)
     assert best is not None
     residual = np.empty(white.shape[:2])
     for trial, weights in enumerate(best[1] / scale):
