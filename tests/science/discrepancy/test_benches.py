@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from stages.science.discrepancy.decision import decide
+from stages.science.discrepancy.fitted_channel import prepare
 from tests.science.discrepancy.searches import DISCREPANCY, look, run_records
 from tests.science.discrepancy.simulated_benches import BENCHES, record_bench
 from tests.science.discrepancy.simulated_records import build_records, tabulate, wander
@@ -14,11 +15,15 @@ pytestmark = pytest.mark.slow
 SEEDS = {"muscle": 1, "cylinder": 2, "damper": 3, "finger": 4}
 
 
+def record(machine, effect, size, rate_hz, seed, **sensor):
+    """Return the output of a machine on its bench."""
+    signals = record_bench(machine, effect, size, seed, rate_hz, **sensor)
+    return build_records(*tabulate(signals, 1.0 / rate_hz), read_plant(machine, **BENCHES[machine][2]))
+
+
 def search_bench(machine, effect, size, rate_hz, generator, **sensor):
     """Return the names that stand, and the squared gap beside them over that of the law, in fitted trials."""
-    signals = record_bench(machine, effect, size, SEEDS[machine], rate_hz, **sensor)
-    plant = read_plant(machine, **BENCHES[machine][2])
-    found, _ = look(build_records(*tabulate(signals, 1.0 / rate_hz), plant))
+    found, _ = look(record(machine, effect, size, rate_hz, SEEDS[machine], **sensor))
     verdict = decide(found, DISCREPANCY, generator)
     (first,), (last,) = found.steps[0], verdict.steps[-1]
     return [each.name for each in verdict.effects], float(last.raw.sum() / first.raw.sum())
@@ -79,6 +84,13 @@ def test_a_sensor_that_rings_is_named_alone_and_beside_friction(machine, hertz, 
     names, left = search_bench(machine, effect, 0.06, 100, generator, rings=(hertz, damping))
     assert sorted(names) == sorted({"sensor_resonance", effect} - {"none"})
     assert left < 0.2
+
+
+@pytest.mark.parametrize("seed", [901, 903])
+def test_what_a_sensor_that_rings_adds_is_no_noise(seed):
+    """A memory of the answer tells it by large weights alone: smaller ones predict worse than none."""
+    bench = prepare(record("muscle", "none", 0.0, 100, seed, rings=(9.0, 0.1)).take(range(10)))
+    assert np.sqrt(bench.current.raw.sum() / bench.samples.sum()) > 2.0 * bench.floor
 
 
 def record_spring(generator, noise, viscous=0.0, records=4):
