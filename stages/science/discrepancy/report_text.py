@@ -23,7 +23,7 @@ from stages.science.recording.signal_names import name_signal
 
 FAMILIES = {
     SESSION_CHANGE: "a drift of the model's values along the session",
-    MEMORY: "a memory of the inputs (such as a resonance, a lag or a delay, of machine or sensor, that the plant lacks)",
+    MEMORY: "a memory of the inputs (such as a resonance, lag or delay, of machine or sensor, that the plant lacks)",
     STATIC_MAP: "a static map of the measured signals (as a law has that is not quite the nominal one)",
 }
 NAMELESS = {
