@@ -11,6 +11,7 @@ from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager, nullcontext
 from dataclasses import dataclass, field
 from functools import partial
+from itertools import count
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, Literal
 
@@ -172,8 +173,13 @@ class Context:
     @contextmanager
     def progress(self, description: str, total: int) -> Iterator[Callable[[str], None]]:
         """Yield what takes a note at the end of each iteration of a loop, to show how far it is on a terminal."""
+        done = count(1)
+
+        def keep(note: str) -> None:
+            log.debug("%s: %s %d of %d%s", self.stage, description, next(done), total, f": {note}" if note else "")
+
         if not self.console.is_terminal or self.interactive:
-            yield lambda note: log.debug("%s: %s", self.stage, note)
+            yield keep
             return
         from rich.progress import BarColumn, MofNCompleteColumn, Progress, TextColumn, TimeRemainingColumn
 
@@ -189,7 +195,7 @@ class Context:
 
             def advance(note: str) -> None:
                 bar.update(task, advance=1, note=note)
-                log.debug("%s: %s", self.stage, note)
+                keep(note)
 
             yield advance
 
