@@ -210,6 +210,7 @@ def verify_gap(
         *report_text.describe_silent_channels(judgeable, list(tables.measured_muscles["muscle"])),
         *report_text.describe_unsettled(unsettled, comparable["trial"].nunique()),
         *report_text.describe_bounds(amended_values),
+        *report_text.describe_blocks(list(tables.measured_trials["record"])),
         *report_text.describe_rate(dataset.outputs[0]),
         *(high if status != "no_discrepancy" else []),
         *report_text.describe_fallen_floor(own, floor, settings.search.clear_ratio),

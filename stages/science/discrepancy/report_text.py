@@ -1,6 +1,7 @@
 """The verdict in an engineer's words."""
 
 import math
+from collections import Counter
 from collections.abc import Collection, Mapping, Sequence
 from typing import Any
 
@@ -19,6 +20,7 @@ from stages.science.plant.effect import Parameter, find_effect
 from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
+from stages.science.recording.blocks import MANY
 from stages.science.recording.signal_names import name_signal
 
 FAMILIES = {
@@ -293,6 +295,19 @@ def describe_rate(output: OutputChannel) -> list[str]:
     return [
         f"Judged at {judged_hz:.4g} Hz, as means of what was recorded at {judged_hz * output.averaged:.4g} Hz: more "
         "samples tell nothing more of so slow a motion."
+    ]
+
+
+def describe_blocks(records: Sequence[str]) -> list[str]:
+    """Return that trials are blocks of few records, if some are; `records` are those of the trials, empty for none."""
+    counts = Counter(name for name in records if name)
+    blocks = sum(each for each in counts.values() if each > 1)
+    if not blocks:
+        return []
+    which = "one record, which share" if len(counts) == 1 else f"{len(counts)} records, which share within each"
+    return [
+        f"Trials are here {blocks} blocks of {which} a zero and a gain: intervals and p-values tell of other blocks, "
+        f"not of another record. Of {MANY} records or more each is a trial."
     ]
 
 

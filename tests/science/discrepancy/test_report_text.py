@@ -5,6 +5,7 @@ import pandas as pd
 import pytest
 
 from stages.science.discrepancy.report_text import (
+    describe_blocks,
     describe_bounds,
     describe_few_trials,
     describe_high_floor,
@@ -153,6 +154,13 @@ def test_a_channel_is_off_by_a_size_in_its_unit_once():
     place |= {"regime": "low speed", "share_of_gap": 0.5, "share_of_time": 0.5}
     *_, where = describe_verdict(UNEXPLAINED, [place], DISCREPANCY)
     assert where.startswith("motor: nominal speed is off by up to 64 rad/s, in no regime")
+
+
+def test_trials_that_are_blocks_of_few_records_are_told_and_records_that_are_trials_are_not():
+    assert "16 blocks of one record, which share" in describe_blocks(["given"] * 16)[0]
+    assert "4 blocks of 3 records, which share within each" in describe_blocks(["a", "a", "b", "b", "c"])[0]
+    assert describe_blocks(list("abcdef")) == []
+    assert describe_blocks([""] * 8) == []
 
 
 def test_few_trials_are_told():
