@@ -35,7 +35,7 @@ class Factor:
     @property
     def log_determinant(self) -> float:
         """Of C + jitter I."""
-        return float(2.0 * np.log(np.diag(self.lower)).sum())
+        return float(2.0 * np.log(self.lower.diagonal()).sum())
 
     def whiten(self, columns: Array) -> Array:
         """Return lower^-1 columns."""
@@ -56,13 +56,13 @@ def factorise(covariance: Array, scaled: Array) -> Factor:
     """
     if not np.isfinite(covariance).all():
         raise FactorisationError(f"the covariance of {len(scaled)} points is not finite: hyperparameters out of range")
-    scale = float(np.mean(np.diag(covariance)))
+    scale = float(covariance.diagonal().sum() / len(covariance))
     rounding = len(covariance) * np.finfo(float).eps * scale
     for relative in RELATIVE_JITTERS:
         jitter = relative * scale
         shifted = covariance + jitter * np.eye(len(covariance)) if jitter else covariance
         lower, failed = scipy.linalg.lapack.dpotrf(shifted, lower=1, clean=1)
-        if not failed and np.diag(lower).min() ** 2 > rounding:
+        if not failed and lower.diagonal().min() ** 2 > rounding:
             repair = f"jitter {jitter:.1e} on the covariance's diagonal: {_describe_closest(scaled)}" if jitter else ""
             return Factor(lower, jitter, repair)
     raise FactorisationError(

@@ -1,6 +1,7 @@
 """Independent Gaussian priors of the hyperparameters."""
 
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 
@@ -41,9 +42,13 @@ class Hyperprior:
         """One over the variance, (P,)."""
         return 1.0 / self.variance
 
+    @cached_property
+    def _log_volume(self) -> Array:
+        return np.log(2 * np.pi * self.variance)
+
     def log_density(self, theta: Array) -> float:
         """Log density at theta (nats)."""
-        return float(-0.5 * np.sum((theta - self.mean) ** 2 / self.variance + np.log(2 * np.pi * self.variance)))
+        return float(-0.5 * ((theta - self.mean) ** 2 / self.variance + self._log_volume).sum())
 
     def gradient(self, theta: Array) -> Array:
         """Gradient of the log density, (P,)."""

@@ -47,7 +47,8 @@ def squared_differences(inputs: Array) -> Array:
 
 def covariance_among(squares: Array, hyperparameters: Hyperparameters) -> Array:
     """Return the (N, N) covariance among rows from their (D, N, N) squared differences."""
-    exponent = np.tensordot(-0.5 / hyperparameters.lengths**2, squares, axes=1)
+    weights = -0.5 / hyperparameters.lengths[None] ** 2
+    exponent: Array = np.dot(weights, squares.reshape(len(squares), -1)).reshape(squares.shape[1:])
     np.exp(exponent, out=exponent)
     exponent *= hyperparameters.signal_variance
-    return np.asarray(exponent)
+    return exponent

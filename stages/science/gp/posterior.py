@@ -65,17 +65,16 @@ class LogPosterior:
 
     def log_likelihood(self, theta: Array) -> float:
         """Return the log marginal likelihood (nats)."""
-        factor = self.factor(theta)
-        return _log_likelihood(factor, factor.whiten(self.residual(theta)))
+        read = self.read(theta)
+        with np.errstate(over="ignore", under="ignore"):
+            factor = self._factorise(covariance_among(self._squares, read), read)
+        return _log_likelihood(factor, factor.whiten(self.outputs - read.mean))
 
     def derivatives(self, theta: Array) -> tuple[float, Array, Array]:
         """Return value, gradient (P,) and Hessian (P, P) of the log posterior at theta (P,)."""
         value, gradient, hessian = self.likelihood_derivatives(theta)
-        return (
-            value + self.prior.log_density(theta),
-            gradient + self.prior.gradient(theta),
-            hessian - np.diag(self.prior.precision),
-        )
+        hessian.flat[:: len(hessian) + 1] -= self.prior.precision
+        return value + self.prior.log_density(theta), gradient + self.prior.gradient(theta), hessian
 
     def ascent(self, theta: Array) -> tuple[float, Array]:
         """Return value and gradient (P,) of the log posterior at theta (P,), much faster than with a Hessian.
@@ -154,7 +153,7 @@ class LogPosterior:
         first = slopes @ g.ravel() / squared_lengths
         curvature = np.zeros((d + 2, d + 2))
         curvature[:d, :d] = (slopes * g.ravel()) @ squares.T / np.outer(squared_lengths, squared_lengths)
-        curvature[:d, :d] -= 2.0 * np.diag(first)
+        curvature.flat[: d * (d + 2) : d + 3] -= 2.0 * first
         curvature[:d, d] = curvature[d, :d] = 2.0 * first
         curvature[d, d] = 4.0 * total
         curvature[d + 1, d + 1] = 4.0 * read.noise_variance * np.trace(g)
