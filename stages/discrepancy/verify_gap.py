@@ -172,7 +172,7 @@ def verify_gap(
     unsettled = find_unsettled(comparable, report.odd_trial, settings.muscle_channels.least_drive_kpa)
     odd = find_odd_trials(comparable, report.odd_trial)
     odd = odd[(odd["channel"] != "pressure_kpa") | ~odd["trial"].isin(list(unsettled))]
-    if status == "no_discrepancy" and len(odd):
+    if status == "no_discrepancy" and (len(odd) or over_floor["low"] > settings.search.smallest_gap):
         verdict["status"] = status = "unexplained"  # what no fitted trial shows, nothing told from noise
         verdict["missing_probability"] = settings.search.certain
     ctx.verdict(verdict)

@@ -50,7 +50,8 @@ def describe_verdict(
     if verdict["status"] == "no_discrepancy":
         gap = verdict["gap"]
         return [
-            f"Nothing that matters is missing, with probability {say_sure(1.0 - verdict['missing_probability'])}: on "
+            "As far as these signals tell, nothing that matters is missing, with probability "
+            f"{say_sure(1.0 - verdict['missing_probability'])}: on "
             f"{_count(verdict)} the gap is {_percent(gap['before'])} of range; "
             f"{_compare_with_floor(gap['before'], gap['noise_floor'])}; in its worst channel it is at most "
             f"{gap['over_floor']['high']:.2f} times the floor ("
@@ -97,16 +98,16 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
     channels = [each["channel"] for each in effects]
     likely = any(each["probability"] >= settings.search.certain for each in verdict["suspected"])
     beyond = "what is suspected below" if likely else "something that the library does not hold"
-    left_out = " on trials left out of the fits" if gap["after"] < gap["noise_floor"] else ""
+    below = gap["after"] < gap["noise_floor"]
     if len(effects) > 1 and max(channels.count(each) for each in channels) >= settings.search.most_effects:
         doubt = "So many names in one channel may stand in for one effect that the library does not hold."
     else:
         doubt = "The noise floor is so far above the sensor's noise that it may hide what is there"
         if left["share"] > settings.report.least_share:
             share = f"{_percent(left['share'])} of the gap above the noise"
-            doubt = f"What is left{left_out} ({share}) is more than forms of one effect usually differ by"
+            doubt = f"On trials left out of the fits {share} is left: more than forms of one effect usually differ by"
         doubt += f": the name may stand in for {beyond}."
-    where = f"{left_out.strip().capitalize()} something" if left_out else "So much"
+    where = "On trials left out of the fits something" if below else "So much"
     more = f"would still take away {_percent(left['share'])} of what was above the noise"
     if left["share"] < settings.report.least_share:
         least = _percent(settings.report.least_share)

@@ -19,7 +19,7 @@ EFFECT = ElementEffect(
             "one over the sensor's undamped angular frequency, over the pace",
             (0.005, 0.01, 0.02, 0.04, 0.08, 0.16),
         ),
-        Parameter("damping", "1", 0.01, 0.7, 0.1, 0.1, "damping ratio of the sensor", (0.3,)),
+        Parameter("damping", "1", 0.01, 0.4, 0.1, 0.1, "damping ratio of the sensor", (0.3,)),
     ),
     source="Doebelin, Measurement systems: application and design, 5th edition (2004), chapter 3: instruments",
     signature="an oscillation of one frequency that dies away after each quick change of the answer",

@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
+import scipy
 from numpy.typing import NDArray
 
 from stages.science.output_channels.features import build_features
@@ -212,6 +213,12 @@ def explain_by_memory(
     return _leave_each_out(together / spread, lambda trial: together[:, trial], np.empty(0), known)
 
 
+def _solve(matrix: Array, right: Array) -> Array:
+    """Solve by the Cholesky factor of a symmetric (F, F) matrix, which is lost; NaN where it has none."""
+    _, solved, failed = scipy.linalg.lapack.dposv(matrix.T, right, overwrite_a=True)
+    return np.full_like(right, np.nan) if failed else np.asarray(solved)
+
+
 def _leave_each_out(white: Array, collect: Callable[[int], Array], precision: Array, learnt: Mask) -> Array:
     """Return what is left of each trial, (T, K), by columns of white signals, (T, K, F), the residual last.
 
@@ -229,20 +236,17 @@ def _leave_each_out(white: Array, collect: Callable[[int], Array], precision: Ar
         grams.cross[trial] = own[:, -1] @ own[:, :-1]
         grams.square[trial] = (own[:, -1] ** 2).sum()
     total, cross = grams.slopes[learnt].sum(axis=0), grams.cross[learnt].sum(axis=0)
-    best: tuple[float, Array] | None = None
+    least, best = np.inf, np.zeros((trials, columns))
     for penalty in PENALTIES:
-        ridge = np.concatenate([precision, np.full(total.shape[0] - first, penalty)])
-        solved = [
-            np.linalg.solve(total - known * grams.slopes[k] + np.diag(ridge), cross - known * grams.cross[k])
-            for k, known in enumerate(learnt.astype(float))
-        ]
-        weights = np.stack(solved)
-        left = grams.left_out(weights)
-        if best is None or left[learnt].sum() < best[0]:
-            best = (float(left[learnt].sum()), weights)
-    assert best is not None
+        ridge = np.diag(np.concatenate([precision, np.full(total.shape[0] - first, penalty)]))
+        weights = np.tile(_solve(total + ridge, cross), (trials, 1))
+        for k in np.flatnonzero(learnt):
+            weights[k] = _solve(total - grams.slopes[k] + ridge, cross - grams.cross[k])
+        left = float(grams.left_out(weights)[learnt].sum())
+        if left < least:
+            least, best = left, weights
     residual = np.empty(white.shape[:2])
-    for trial, weights in enumerate(best[1] / scale):
+    for trial, weights in enumerate(best / scale):
         own = collect(trial)
         residual[:, trial] = own[:, -1] - own[:, :-1] @ weights
     return residual

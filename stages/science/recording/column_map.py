@@ -11,7 +11,7 @@ from dataclasses import dataclass
 
 import pandas as pd
 
-from stages.science.recording.columns import TIME, RecordingError, adopt
+from stages.science.recording.columns import ANOTHER, TIME, RecordingError, adopt
 from stages.science.recording.headings import check_headings
 from stages.science.recording.units import own_unit
 
@@ -92,6 +92,10 @@ class ColumnMap:
         for muscle in _list_muscles(self.muscles):
             own = {name: column and _expand(column, *muscle) for name, column in columns.items()}
             check_headings(own, self.units, stated_units, set(names))
+        if not len(frame.columns):
+            wanted = ", ".join(self.sources[name] for name in self.needed)
+            another = ANOTHER if "muscle" in self.needed else ""
+            raise RecordingError(f"expected columns {wanted}, got {', '.join(names)}{another}")
         if frame.empty:
             raise RecordingError("expected samples, got no rows")
         known = [*dict.fromkeys([*names, *map(str, frame.columns)])]
