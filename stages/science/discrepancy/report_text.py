@@ -105,7 +105,7 @@ def _describe_named(verdict: Mapping[str, Any], settings: DiscrepancySettings) -
         doubt = "The noise floor is so far above the sensor's noise that it may hide what is there"
         if left["share"] > settings.report.least_share:
             share = f"{_percent(left['share'])} of the gap above the noise"
-            doubt = f"On trials left out of the fits {share} is left: more than forms of one effect usually differ by"
+            doubt = f"On trials left out of the fits {share} is left, more than forms of one effect usually differ by"
         doubt += f": the name may stand in for {beyond}."
     where = "On trials left out of the fits something" if below else "So much"
     more = f"would still take away {_percent(left['share'])} of what was above the noise"

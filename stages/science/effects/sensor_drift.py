@@ -1,4 +1,6 @@
-"""A sensor whose zero wanders off along the session, evenly or until it has warmed up.
+"""A sensor whose zero wanders off along the session, evenly or until it has warmed up, or changes at one moment.
+
+So may its gain, as that of a load cell that slips or is knocked.
 
 Time is that of the session: the trial's start, and the time within it. Where starts are not known, only the time within
 the trial counts.
@@ -7,8 +9,9 @@ the trial counts.
 from dataclasses import replace
 
 import numpy as np
+from scipy.special import expit
 
-from stages.science.plant.effect import Bench, ChainEffect, ElementEffect, Parameter, State, Values
+from stages.science.plant.effect import FROM_START, Bench, ChainEffect, ElementEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
 
 MINUTE_S = 60.0
@@ -70,6 +73,25 @@ WARMING_ELEMENT = replace(
     apply=_apply_warming_to_element,
 )
 
+WITHIN = 0.5
+"""Paces within which a sensor changes at one moment, so that a fit finds it; assumed: less than a movement takes."""
+
+
+def _change_at_once(bench: Bench, parameters: Values) -> Array:
+    return expit((bench.session_s / bench.time_scale_s - parameters[FROM_START]) / WITHIN)
+
+
+SHIFTING_ELEMENT = replace(
+    DRIFTING_ELEMENT,
+    form="element_shift",
+    parameters=(
+        Parameter("share", "1", -5.0, 5.0, 0.0, 0.3, "change of the zero over the answer's scale", (0.1, -0.1)),
+        Parameter(FROM_START, "1", 0.0, 1e4, 0.0, 2e3, "when it changes, in paces of the session", (10.0, 30.0, 100.0)),
+    ),
+    signature="the answer errs by another amount from one moment on, whatever is done",
+    apply=lambda answer, bench, parameters: answer + parameters["share"] * _change_at_once(bench, parameters),
+)
+
 FORMS = (
     EFFECT,
     replace(
@@ -100,4 +122,18 @@ FORMS = (
     ),
     DRIFTING_ELEMENT,
     WARMING_ELEMENT,
+    SHIFTING_ELEMENT,
+    replace(
+        SHIFTING_ELEMENT,
+        form="element_gain_shift",
+        parameters=(
+            Parameter("share", "1", -0.9, 5.0, 0.0, 0.1, "change of the gain, less 1", (0.05, -0.05)),
+            SHIFTING_ELEMENT.parameters[1],
+        ),
+        signature="the answer errs in proportion to itself, by another share from one moment on",
+        split_by="known loads on the sensor before and after",
+        apply=lambda answer, bench, parameters: (
+            answer * (1.0 + parameters["share"] * _change_at_once(bench, parameters))
+        ),
+    ),
 )

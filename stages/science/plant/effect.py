@@ -175,6 +175,9 @@ class ElementEffect(NamedEffect):
 
 Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect
 
+FROM_START = "paces_from_start"
+"""Parameter of an element's effect: a moment of the session, in paces. Fits begin at moments all along it."""
+
 EFFECTS = "stages.science.effects"
 ABSENT = "none"
 """The effect without parameters, which does nothing."""

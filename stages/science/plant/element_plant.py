@@ -6,15 +6,15 @@ Signals of records flow in; the answer flows out. A subclass says how constants 
 
 from abc import abstractmethod
 from collections.abc import Sequence
-from typing import ClassVar, Self
+from typing import Any, ClassVar, Self
 
 import numpy as np
 from pydantic import Field, model_validator
 from scipy.special import chdtrc
 
-from stages.science.plant.effect import Bench, Effect, Signals, Values
+from stages.science.plant.effect import FROM_START, Bench, Effect, Signals, Values
 from stages.science.plant.effect_config import EffectConfig
-from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Watched
+from stages.science.plant.record_plant import InitialState, Placed, Positive, RecordPlant, Tries, Watched
 from stages.science.signals.filtering import choose_window, differentiate, smooth
 from stages.science.signals.trajectories import Array
 
@@ -23,6 +23,8 @@ PATH, RATE = "path", "rate"
 """Names of displacement and its rate per second among the signals that an answer is made of; unit of `along`."""
 SMOOTHED, CUBIC = 0.15, 3
 """Longest window, paces, and order of the polynomials by which a displacement is differentiated."""
+MOMENTS = 16
+"""Parts of a session at whose borders fits of what begins at one moment begin."""
 FEWEST = 4
 """Paces between samples of a window below which nothing is smoothed."""
 PLACES, MOVED = 8, 1e-3
@@ -92,6 +94,14 @@ class ElementPlant(RecordPlant):
     @abstractmethod
     def guess(self, signals: Signals) -> dict[str, tuple[float, float, float, float]]:
         """Return start, bounds and deviation of each constant, from all records one after another, (N,) by name."""
+
+    def list_starts(self, effect: Any, records: Sequence[Signals], step_s: float, constants: Values) -> Tries:
+        """Return where fits of an effect that begins at a moment of the session may begin: evenly along it."""
+        if FROM_START not in (each.name for each in effect.parameters):
+            return super().list_starts(effect, records, step_s, constants)
+        paces = sum(len(each[self.output]) for each in records) * step_s / self.know("time_scale_s")
+        first = effect.parameters[0]
+        return [{first.name: first.starts[0], FROM_START: paces * k / MOMENTS} for k in range(1, MOMENTS)]
 
     def find_scales(self, records: Sequence[Signals], step_s: float) -> dict[str, float]:
         """Return what scales are if they were left open, told by the signal along which the element is moved."""

@@ -71,7 +71,7 @@ LEFT = "a flexible model takes away 40 % of what is above the noise"
 NEAREST = "hysteresis comes nearest (probability 0.93): with it the gap of trials left out of the fit goes from 8.1 %"
 BLIND = "cannot be told: the gap is 1.02 times the noise floor, but so much counts as noise"
 SUSPECTED = "Suspected, and not added to the plant: leakage on pam2 (probability 0.40; p = 0.03 that"
-IMITATION = "On trials left out of the fits 8.0 % of the gap above the noise is left: more than forms of one effect"
+IMITATION = "On trials left out of the fits 8.0 % of the gap above the noise is left, more than forms of one effect"
 MANY = "So many names in one channel may stand in for one effect"
 
 

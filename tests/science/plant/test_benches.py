@@ -112,6 +112,17 @@ def test_an_answer_of_a_sensor_that_rings_as_scipy_has_it(damping):
     assert np.abs(found - plain).max() > 0.005 * np.ptp(plain)
 
 
+@pytest.mark.parametrize("form", ["element_shift", "element_gain_shift"])
+def test_a_sensor_that_changes_at_one_moment_in_closed_form(form):
+    plant, constants = settle("cylinder"), LAWS["cylinder"][0] | {"offset": 0.0}
+    moment = 0.6 * STEP_S * len(PRESSURE) / plant.time_scale_s
+    effect = ("sensor_drift", form, {"share": 0.05, "paces_from_start": moment})
+    found, plain = (simulate(plant, SIGNALS, constants, each) for each in ([effect], []))
+    since = STEP_S * np.arange(len(plain)) / plant.time_scale_s - moment
+    added = 0.05 * (plant.output_scale if form == "element_shift" else plain) / (1.0 + np.exp(-since / 0.5))
+    np.testing.assert_allclose(found - plain, added, atol=1e-9 * np.ptp(plain))
+
+
 @pytest.mark.parametrize("lagged", [False, True])
 def test_friction_under_load_in_closed_form(lagged):
     plant, tau_s = settle("cylinder"), 0.3
