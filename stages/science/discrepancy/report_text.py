@@ -16,7 +16,7 @@ from stages.science.output_channels.features import share_outside
 from stages.science.output_channels.flexible import SESSION_CHANGE
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.output_channels.output_channel import OutputChannel
-from stages.science.plant.effect import Parameter, find_effect
+from stages.science.plant.effect import FROM_START, Parameter, find_effect
 from stages.science.plant.element_plant import ElementPlant
 from stages.science.plant.plant import Plant
 from stages.science.plant.record_plant import RecordPlant
@@ -36,7 +36,7 @@ NAMELESS = {
 }
 MOST_LISTED, LEAST_SUSPECTED = 4, 0.05
 """Names that a list tells, and the probability below which a suspected effect is left to the tables."""
-TIMES = {"paces": 1.0, "paces_late": 1.0, "periods": 2.0 * math.pi}
+TIMES = {"paces": 1.0, "paces_late": 1.0, FROM_START: 1.0, "periods": 2.0 * math.pi}
 """Parameters that tell a time, and their unit in paces."""
 
 
