@@ -90,8 +90,9 @@ def find_floor(fit: Fit, noise: Noise, learnt: Mask) -> Leftover:
 
 def explain(output: OutputChannel, residual: Array, learnt: Mask | None = None) -> list[tuple[str, Array]]:
     """Return what is left of each trial's residual, (T, K), by models that leave the output's own values; by family."""
-    memories = (explain_by_memory(output, residual, learnt, of) for of in (None, output.measured - residual))
-    return [("", explain_by_trees(output, residual, learnt)), *((MEMORY, each) for each in memories)]
+    pasts = (output.recall(MEMORY_SAMPLES), output.recall(MEMORY_SAMPLES, output.measured - residual), output.mix())
+    memories = [(MEMORY, explain_by_memory(output, residual, past, learnt)) for past in pasts]
+    return [("", explain_by_trees(output, residual, learnt)), *memories]
 
 
 def explain_changing(
@@ -196,15 +197,13 @@ def explain_by_trees(output: OutputChannel, residual: Array, learnt: Mask | None
     return left
 
 
-def explain_by_memory(
-    output: OutputChannel, residual: Array, learnt: Mask | None = None, answer: Array | None = None
-) -> Array:
-    """Return what is left of each trial's residual, (T, K), when others' is fitted by a linear memory of the inputs.
+def explain_by_memory(output: OutputChannel, residual: Array, past: Array, learnt: Mask | None = None) -> Array:
+    """Return what is left of each trial's residual, (T, K), when others' is fitted by what was before, (T, K, F).
 
-    It sees an oscillation that an input sets off, which features that forget evenly and trees without a past do not;
-    one of an answer instead, (T, K), sees what its sensor makes of it. `learnt` is as in `explain_by_features`.
+    Of inputs it sees an oscillation that one sets off, which features that forget evenly and trees without a past do
+    not; of the answer what its sensor makes of it; of products a gain that follows late. `learnt` is as in
+    `explain_by_features`.
     """
-    past = output.recall(MEMORY_SAMPLES, answer)
     if not past.shape[2]:
         return residual
     known = np.ones(output.trials, dtype=bool) if learnt is None else learnt

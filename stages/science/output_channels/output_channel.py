@@ -183,6 +183,13 @@ class OutputChannel(ABC):
         """
         return np.empty((*self.measured.shape, 0))
 
+    def mix(self) -> Array:
+        """Return products of signals and what changed in them lately, (T, K, F), as a gain has that follows late.
+
+        There are none, as of `recall`.
+        """
+        return np.empty((*self.measured.shape, 0))
+
     @abstractmethod
     def take(self, trials: Sequence[int]) -> Self:
         """Return the output with some of its trials, by position."""

@@ -23,7 +23,8 @@ from stages.science.output_channels.output_channel import Case, DetectionSetting
 from stages.science.output_channels.records import bridge, bridge_short, spread_records, thin_out
 from stages.science.plant.effect import NamedEffect, list_effects
 from stages.science.plant.effect_config import list_effects_at
-from stages.science.plant.record_plant import HEAD, NOTHING, InitialState, RecordPlant, read_initial_state
+from stages.science.plant.filters import lag
+from stages.science.plant.record_plant import HEAD, NOTHING, InitialState, RecordPlant, Watched, read_initial_state
 from stages.science.recording.signal_names import name_signal, per_second
 from stages.science.recording.units import own_unit
 from stages.science.signals.trajectories import Array
@@ -34,6 +35,8 @@ BELOW = 0.05
 """Range below zero over all of it, of an output that is no noise about zero."""
 AVERAGED, ROUNDED = 3e-4, 1e-6
 """Numerical error over a signal's range: of averaged samples, and of rounding and integration."""
+LATELY = (0.02, 0.06, 0.2, 0.6)
+"""Times of a movement by which a gain may follow late."""
 FEWEST = 10
 """Least number of samples of a block."""
 LEAST_BLOCKS = 3
@@ -226,10 +229,7 @@ class WholeRecordChannel(OutputChannel):
     def drivers(self) -> list[Driver]:
         """Return what the plant watches, cut into blocks."""
         constants = self.watched or (self.plant.starts if self.plant.learned else self._linear)
-        watched = {}
-        for record in self._used:
-            signals = {name: values[:, None] for name, values in self.records[record].items()}
-            watched[record] = self.plant.watch(signals, self.step_s, constants)
+        watched = self._watch(constants)
         first = watched[self._used[0]]
         if len({each.rate for each in first}) < 2:
             told = ", ".join(f"{each.name} (rate={each.rate})" for each in first) or "none"
@@ -245,6 +245,13 @@ class WholeRecordChannel(OutputChannel):
         aside = [Driver(name, self._cut({k: self.records[k][name] for k in self._used}), False) for name in self.beside]
         return own + aside
 
+    def _watch(self, constants: Mapping[str, float]) -> dict[int, list[Watched]]:
+        watched = {}
+        for record in self._used:
+            signals = {name: values[:, None] for name, values in self.records[record].items()}
+            watched[record] = self.plant.watch(signals, self.step_s, constants)
+        return watched
+
     def respond(self, features: Array) -> Array:
         """Return the features of a flexible model as the plant's output answers to them."""
         return self.plant.respond(features, self.step_s)
@@ -259,10 +266,30 @@ class WholeRecordChannel(OutputChannel):
         columns = []
         for each in whole:
             centred = {k: v - v.mean() for k, v in each.items()}
-            for lag in range(most // len(whole)):
-                late = {k: np.concatenate([np.zeros(lag), v])[: len(v)] for k, v in centred.items()}
+            for delay in range(most // len(whole)):
+                late = {k: np.concatenate([np.zeros(delay), v])[: len(v)] for k, v in centred.items()}
                 columns.append(self._cut(late))
         return np.stack(columns, axis=2)
+
+    def mix(self) -> Array:
+        """Return each watched signal, and one, times what changed in each within some times of a movement, (T, K, F).
+
+        There are none of a machine that has a memory of its own: what is watched there may be its output.
+        """
+        if self.plant.memory_s > 0.0:
+            return super().mix()
+        watched = self._watch(self.watched or (self.plant.starts if self.plant.learned else self._linear))
+        joined = {k: np.hstack([each.samples for each in signals]) for k, signals in watched.items()}
+        together = np.concatenate(list(joined.values()))
+        middle, spread = together.mean(axis=0), np.maximum(together.std(axis=0), 1e-300)
+        columns: dict[int, Array] = {}
+        for record, signals in joined.items():
+            now = (signals - middle) / spread
+            late = [now - lag(now, share * self.plant.movement_s, self.step_s) for share in LATELY]
+            by = np.column_stack([np.ones(len(now)), now])
+            columns[record] = (by[:, :, None] * np.hstack(late)[:, None, :]).reshape(len(now), -1)
+        places = range(next(iter(columns.values())).shape[1])
+        return np.stack([self._cut({k: each[:, at] for k, each in columns.items()}) for at in places], axis=2)
 
     def starts(self, form: NamedEffect, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return starting values of a form; of saturation the levels that repeated values show, or none."""
