@@ -18,6 +18,7 @@ from stages.science.discrepancy.search import Search
 from stages.science.discrepancy.settings import DiscrepancySettings, SearchSettings
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.output_channels.output_channel import Counts
+from stages.science.plant.effect import FROM_START, find_effect
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, fewest_trials, least_p
 
@@ -59,7 +60,8 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
 
     An effect stands if its probability is enough and the gap of trials left out of the fit falls with it, beside the
     others that stand, or if exact values show it, as they show a sensor's counts. Where independent trials are too few
-    for a two-sided test, chance decides which of many names does best: there the gap has to fall by `clear_ratio`. One
+    for a two-sided test, chance decides which of many names does best: there the gap has to fall by `clear_ratio`, as
+    it has for a change at one moment, which is looked for at many and which one slow wander looks like. One
     that was found beside others of its muscle and channel shares their doubts. The others are taken out, the newest
     first. The generator flips signs and draws weights of trials.
     """
@@ -77,7 +79,8 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
         without = _drop(found, present, [added])
         before, after = (_pool_left_out(found, each, added) for each in (without, present))
         p_value = float(compare_signs((before - after)[:, None], generator)[0])
-        confirmed = p_value <= bearable and (not few or limits.clear_ratio * after.mean() <= before.mean())
+        clear = limits.clear_ratio * after.mean() <= before.mean()
+        confirmed = p_value <= bearable and (clear or not (few or _is_of_a_moment(added)))
         earlier = found.named[: found.named.index(added)]
         built_on = sum(each.channel == added.channel and bool({*each.elements} & {*added.elements}) for each in earlier)
         sure = (1.0 - doubts[added.channel]) ** (1 + built_on)  # it may make up for what another's form lacks
@@ -142,6 +145,11 @@ def _drop(found: Search, fits: Sequence[Fitted], dropped: Sequence[Named]) -> li
         if left[place].fit.model.output is not recorded and correct_inputs(recorded, left) is recorded:
             left[place] = left[place].put_in(recorded).refit(state.noise)
     return left
+
+
+def _is_of_a_moment(named: Named) -> bool:
+    forms = (find_effect(named.name, form) for form in named.forms if form)
+    return any(FROM_START in (each.name for each in form.parameters) for form in forms)
 
 
 def _pool_left_out(found: Search, fits: Sequence[Fitted], named: Named) -> Array:

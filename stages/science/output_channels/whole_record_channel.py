@@ -272,22 +272,22 @@ class WholeRecordChannel(OutputChannel):
         return np.stack(columns, axis=2)
 
     def mix(self) -> Array:
-        """Return each watched signal, and one, times what changed in each within some times of a movement, (T, K, F).
-
-        There are none of a machine that has a memory of its own: what is watched there may be its output.
-        """
-        if self.plant.memory_s > 0.0:
+        """Return each watched signal times what changed in each that drives within some times of a movement."""
+        driving = self.plant.driving
+        if not driving:
             return super().mix()
         watched = self._watch(self.watched or (self.plant.starts if self.plant.learned else self._linear))
+        names = [each.name for each in watched[self._used[0]]]
+        places_driving = [names.index(name) for name in driving]
         joined = {k: np.hstack([each.samples for each in signals]) for k, signals in watched.items()}
         together = np.concatenate(list(joined.values()))
         middle, spread = together.mean(axis=0), np.maximum(together.std(axis=0), 1e-300)
         columns: dict[int, Array] = {}
         for record, signals in joined.items():
             now = (signals - middle) / spread
-            late = [now - lag(now, share * self.plant.movement_s, self.step_s) for share in LATELY]
-            by = np.column_stack([np.ones(len(now)), now])
-            columns[record] = (by[:, :, None] * np.hstack(late)[:, None, :]).reshape(len(now), -1)
+            driven = now[:, places_driving]
+            late = [driven - lag(driven, share * self.plant.movement_s, self.step_s) for share in LATELY]
+            columns[record] = (now[:, :, None] * np.hstack(late)[:, None, :]).reshape(len(now), -1)
         places = range(next(iter(columns.values())).shape[1])
         return np.stack([self._cut({k: each[:, at] for k, each in columns.items()}) for at in places], axis=2)
 

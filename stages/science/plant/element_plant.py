@@ -83,6 +83,11 @@ class ElementPlant(RecordPlant):
         return self.time_scale_s or 1.0
 
     @property
+    def driving(self) -> tuple[str, ...]:
+        """All inputs but those that tell how it is moved, whose noise is no memory."""
+        return tuple(name for name in self.inputs if name not in (self.along, self.against, self.speed))
+
+    @property
     def memory_s(self) -> float:
         """None: it answers at once."""
         return 0.0

@@ -244,6 +244,11 @@ class RecordPlant(Declared):
         return True
 
     @property
+    def driving(self) -> tuple[str, ...]:
+        """Signals watched that a gain of it may follow late; none that is told from its output."""
+        return ()
+
+    @property
     def memory_s(self) -> float:
         """Time after which what the inputs were no longer matters, s; infinite where it always does.
 
