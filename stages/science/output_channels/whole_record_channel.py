@@ -273,23 +273,22 @@ class WholeRecordChannel(OutputChannel):
 
     def mix(self) -> Array:
         """Return each watched signal times what changed in each that drives within some times of a movement."""
-        driving = self.plant.driving
-        if not driving:
+        if not self.plant.driving:
             return super().mix()
         watched = self._watch(self.watched or (self.plant.starts if self.plant.learned else self._linear))
-        names = [each.name for each in watched[self._used[0]]]
-        places_driving = [names.index(name) for name in driving]
+        driving = [each.name in self.plant.driving for each in watched[self._used[0]]]
         joined = {k: np.hstack([each.samples for each in signals]) for k, signals in watched.items()}
         together = np.concatenate(list(joined.values()))
         middle, spread = together.mean(axis=0), np.maximum(together.std(axis=0), 1e-300)
         columns: dict[int, Array] = {}
         for record, signals in joined.items():
             now = (signals - middle) / spread
-            driven = now[:, places_driving]
+            driven = now[:, driving]
             late = [driven - lag(driven, share * self.plant.movement_s, self.step_s) for share in LATELY]
             columns[record] = (now[:, :, None] * np.hstack(late)[:, None, :]).reshape(len(now), -1)
-        places = range(next(iter(columns.values())).shape[1])
-        return np.stack([self._cut({k: each[:, at] for k, each in columns.items()}) for at in places], axis=2)
+        places = range(len(driving) * sum(driving) * len(LATELY))
+        cut = [self._cut({k: each[:, at] for k, each in columns.items()}) for at in places]
+        return np.stack(cut, axis=2) if cut else super().mix()
 
     def starts(self, form: NamedEffect, constants: Mapping[str, float]) -> list[dict[str, float]]:
         """Return starting values of a form; of saturation the levels that repeated values show, or none."""

@@ -3,6 +3,7 @@
 import numpy as np
 import pandas as pd
 import pytest
+from scipy.signal import lfilter
 
 from stages.science.discrepancy.decision import decide
 from stages.science.discrepancy.fitted_channel import prepare
@@ -104,6 +105,18 @@ def test_what_a_sensor_that_rings_adds_is_no_noise(seed):
     """A memory of the answer tells it by large weights alone: smaller ones predict worse than none."""
     bench = prepare(record("muscle", "none", 0.0, 100, seed, rings=(9.0, 0.1)).take(range(10)))
     assert np.sqrt(bench.current.raw.sum() / bench.samples.sum()) > 2.0 * bench.floor
+
+
+def test_a_gain_that_follows_late_is_no_noise():
+    """A damper whose force follows the measured current through a lag of 60 ms: the floor is that of one without."""
+    signals, name = record_bench("damper", "none", 0.0, SEEDS["damper"], 100), BENCHES["damper"][1]
+    current, speed, decay = signals["current_a"], signals["speed_m_per_s"], np.exp(-0.01 / 0.06)
+    late = lfilter([1.0 - decay], [1.0, -decay], current, zi=[decay * current[0]])[0] - current
+    lagging = {**signals, name: signals[name] + 500.0 * late * speed / (1.0 + 0.3 * np.abs(speed))}
+    plant = read_plant("damper", **BENCHES["damper"][2])
+    without, having = (prepare(build_records(*tabulate(each, 0.01), plant)) for each in (signals, lagging))
+    assert np.sqrt(having.current.raw.sum() / having.samples.sum()) > 1.7 * without.floor
+    assert having.floor == pytest.approx(without.floor, rel=0.1)
 
 
 def record_spring(generator, noise, viscous=0.0, records=4):
