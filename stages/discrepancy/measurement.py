@@ -37,6 +37,7 @@ from stages.science.recording.files.bags import is_bag
 from stages.science.recording.files.readers import FileError, UnequalColumns, read_columns, read_header, read_samples
 from stages.science.recording.headings import read_heading
 from stages.science.recording.muscles import MUSCLE_COLUMNS, Session, describe_muscles, read_session
+from stages.science.recording.odd_readings import note_odd_readings
 from stages.science.recording.plausibility import check_readings, check_signals, suspect_clock
 from stages.science.recording.sources import SAMPLE_KEY, Measurement, Source, read_executed, read_rig_session, tabulate
 from stages.science.recording.uneven import even_out
@@ -114,7 +115,7 @@ MEASURED_SESSION = Table(
 )
 MEASURED_NOTES = Table(
     "measured_notes",
-    "What was left out of what was measured, or made from something else",
+    "What was left out of what was measured, made from something else, or is odd in it",
     {"about": column(str, "column, muscle, trial or record"), "note": column(str, "what was done")},
 )
 DEFAULT_NAMES = {True: (*MEASURED.columns, "part"), False: ("record", "part", "time_s")}
@@ -376,6 +377,7 @@ def tabulate_records(path: InputPath, cfg: Config) -> dict[str, pd.DataFrame]:
         notes.append(("time_s", f"begins anew in {name_rows(anew)}, as another record"))
     with about(str(file)):
         notes += note_missing(frame, signals)
+        notes += note_odd_readings(frame, signals)
         frame = even_out(frame, signals, given.largest_jitter, notes)
         check_rows(frame, RECORD_KEY)
         check_signals(frame, signals, list_stated(file, cfg, signals))
