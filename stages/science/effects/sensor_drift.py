@@ -9,7 +9,6 @@ the trial counts.
 from dataclasses import replace
 
 import numpy as np
-from scipy.special import expit
 
 from stages.science.plant.effect import FROM_START, Bench, ChainEffect, ElementEffect, Parameter, State, Values
 from stages.science.signals.trajectories import Array
@@ -78,7 +77,8 @@ WITHIN = 0.5
 
 
 def _change_at_once(bench: Bench, parameters: Values) -> Array:
-    return expit((bench.session_s / bench.time_scale_s - parameters[FROM_START]) / WITHIN)
+    since = bench.session_s / bench.time_scale_s - parameters[FROM_START]
+    return 0.5 + 0.5 * np.tanh(since / (2.0 * WITHIN))
 
 
 SHIFTING_ELEMENT = replace(
