@@ -53,7 +53,7 @@ class LogPosterior:
 
     def factor(self, theta: Array) -> Factor:
         """Return the factor of K + sn^2 I; a `FactorisationError` says which rows neither noise nor jitter parts."""
-        return self._factorise(self.covariance(theta), self.read(theta))
+        return self._factor(self.read(theta))
 
     def residual(self, theta: Array) -> Array:
         """Return y - m, (N,)."""
@@ -66,8 +66,7 @@ class LogPosterior:
     def log_likelihood(self, theta: Array) -> float:
         """Return the log marginal likelihood (nats)."""
         read = self.read(theta)
-        with np.errstate(over="ignore", under="ignore"):
-            factor = self._factorise(covariance_among(self._squares, read), read)
+        factor = self._factor(read)
         return _log_likelihood(factor, factor.whiten(self.outputs - read.mean))
 
     def derivatives(self, theta: Array) -> tuple[float, Array, Array]:
@@ -103,6 +102,10 @@ class LogPosterior:
         if not all(np.isfinite(each).all() for each in found):
             raise FactorisationError(f"the derivatives of the log posterior are not finite at theta = {theta.tolist()}")
         return found
+
+    def _factor(self, read: Hyperparameters) -> Factor:
+        with np.errstate(over="ignore", under="ignore"):
+            return self._factorise(covariance_among(self._squares, read), read)
 
     def _factorise(self, covariance: Array, read: Hyperparameters) -> Factor:
         noisy = covariance.copy()

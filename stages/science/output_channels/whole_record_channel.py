@@ -228,8 +228,7 @@ class WholeRecordChannel(OutputChannel):
 
     def drivers(self) -> list[Driver]:
         """Return what the plant watches, cut into blocks."""
-        constants = self.watched or (self.plant.starts if self.plant.learned else self._linear)
-        watched = self._watch(constants)
+        watched = self._watch()
         first = watched[self._used[0]]
         if len({each.rate for each in first}) < 2:
             told = ", ".join(f"{each.name} (rate={each.rate})" for each in first) or "none"
@@ -245,7 +244,9 @@ class WholeRecordChannel(OutputChannel):
         aside = [Driver(name, self._cut({k: self.records[k][name] for k in self._used}), False) for name in self.beside]
         return own + aside
 
-    def _watch(self, constants: Mapping[str, float]) -> dict[int, list[Watched]]:
+    def _watch(self) -> dict[int, list[Watched]]:
+        """Return what the plant watches in whole records."""
+        constants = self.watched or (self.plant.starts if self.plant.learned else self._linear)
         watched = {}
         for record in self._used:
             signals = {name: values[:, None] for name, values in self.records[record].items()}
@@ -275,7 +276,7 @@ class WholeRecordChannel(OutputChannel):
         """Return each watched signal times what changed in each that drives within some times of a movement."""
         if not self.plant.driving:
             return super().mix()
-        watched = self._watch(self.watched or (self.plant.starts if self.plant.learned else self._linear))
+        watched = self._watch()
         driving = [each.name in self.plant.driving for each in watched[self._used[0]]]
         joined = {k: np.hstack([each.samples for each in signals]) for k, signals in watched.items()}
         together = np.concatenate(list(joined.values()))
