@@ -2,8 +2,8 @@
 
 `force` shifts the load cell, `pressure` the pressure sensor; `filtered_force`, `filtered_pressure` and
 `element_filtered` are first-order filters of their amplifiers; `contraction` says by how much the recorded motion is
-later than the one that acted. The rate of contraction, which enters the mild damping alone, is left where it is. Within
-a sample, signals run straight.
+later than the one that acted. The rate of contraction, which enters the mild damping alone, is left where it is. In an
+element on a bench the answer is late, what drives it, or how it is moved. Within a sample, signals run straight.
 """
 
 from dataclasses import replace
@@ -48,7 +48,7 @@ LATE_ELEMENT = ElementEffect(
     signature="the answer errs in proportion to its own rate of change",
     split_by="the same loop at three speeds: its width grows with speed and with stiffness",
     apply=lambda answer, bench, parameters: shift(answer, parameters["paces_late"] * bench.time_scale_s / bench.step_s),
-    sensed=True,
+    changes="reading",
 )
 
 FILTERED = replace(
@@ -69,6 +69,18 @@ FILTERED_ELEMENT = replace(
     source=FILTERED.source,
     signature="the answer errs in proportion to its own rate of change, and less so after a sudden step",
     apply=lambda answer, bench, parameters: lag(answer, parameters["paces"] * bench.time_scale_s, bench.step_s),
+)
+
+LATE_DRIVE = replace(
+    LATE_ELEMENT,
+    form="element_drive",
+    parameters=(
+        replace(LATE_ELEMENT.parameters[0], description="by which what drives is recorded late, over the pace"),
+    ),
+    signature="the answer errs in proportion to the rate of change of what drives the element",
+    split_by="steps of what drives it, while it is held",
+    apply=lambda drive, bench, parameters: shift(drive, -parameters["paces_late"] * bench.time_scale_s / bench.step_s),
+    changes="drive",
 )
 
 FORMS = (
@@ -99,4 +111,17 @@ FORMS = (
     ),
     LATE_ELEMENT,
     FILTERED_ELEMENT,
+    LATE_DRIVE,
+    replace(
+        LATE_DRIVE,
+        form="element_displacement",
+        parameters=(
+            replace(
+                LATE_ELEMENT.parameters[0], description="by which it is recorded late how it is moved, over the pace"
+            ),
+        ),
+        signature="the answer errs in proportion to the rate at which the element is moved",
+        split_by="the same motion at two speeds, while what drives it is constant",
+        changes="displacement",
+    ),
 )

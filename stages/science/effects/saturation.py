@@ -114,7 +114,7 @@ CUT_ELEMENT = ElementEffect(
     signature="the answer stays at one value wherever it should go beyond it, at one end or at both",
     split_by=EFFECT.split_by,
     apply=_apply_to_element,
-    sensed=True,
+    changes="reading",
 )
 
 LAG_DRIVE = replace(

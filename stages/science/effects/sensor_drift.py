@@ -53,7 +53,7 @@ DRIFTING_ELEMENT = ElementEffect(
     apply=lambda answer, bench, parameters: (
         answer + parameters["share_per_100_paces"] * bench.session_s / (100.0 * bench.time_scale_s)
     ),
-    sensed=True,
+    changes="reading",
 )
 
 

@@ -29,5 +29,5 @@ EFFECT = ElementEffect(
     ),
     scales=False,
     instead_of="channel_misalignment",
-    sensed=True,
+    changes="reading",
 )

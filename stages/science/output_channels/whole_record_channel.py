@@ -98,7 +98,7 @@ class WholeRecordChannel(OutputChannel):
         return tuple(
             self._read_level(replace(each, scales=each.scales and not self.plant.drifts, tried=True))
             for each in found
-            if self.plant.offers(each) and not (getattr(each, "unsigned", False) and below_zero)
+            if not self.plant.find_lacking(each) and not (getattr(each, "unsigned", False) and below_zero)
         )
 
     def _read_level(self, form: NamedEffect) -> NamedEffect:

@@ -158,10 +158,10 @@ class Bench:
 
 @dataclass(frozen=True, kw_only=True)
 class ElementEffect(NamedEffect):
-    """An effect of an element on a test bench: ``apply(answer, bench, parameters)`` returns the changed answer.
+    """An effect of an element on a test bench: ``apply(signal, bench, parameters)`` returns the changed signal.
 
-    The answer is over its scale, so that bounds hold for every element. None that has several sliders scales either,
-    as no one slope tells them apart.
+    The signal is the answer over its scale, so that bounds hold for every element, or what `changes` says. None that
+    has several sliders scales either, as no one slope tells them apart.
     """
 
     form: str = "element"
@@ -169,8 +169,9 @@ class ElementEffect(NamedEffect):
     apply: Callable[[Array, Bench, Mapping[str, float]], Array]
     loaded: bool = False
     """Whether it grows with the load: it acts only in elements that tell what presses."""
-    sensed: bool = False
-    """Whether it is of the answer's sensor: it acts on what all others have made of the answer, wherever listed."""
+    changes: Literal["drive", "displacement", "answer", "reading"] = "answer"
+    """What it changes: each signal that drives the element, its displacement and the rate of that, the answer, or what
+    the answer's sensor shows of it. They act in this order, wherever listed."""
 
 
 Effect = ChainEffect | JointEffect | DynamicEffect | ElementEffect

@@ -68,9 +68,17 @@ class ElementPlant(RecordPlant):
         """Signals that the answer is told from, the one along which the element is moved first."""
         return tuple(dict.fromkeys(each for each in (self.along, self.against, self.speed, *self.pressing) if each))
 
-    def offers(self, effect: Effect) -> bool:
-        """Return whether an effect can act: one that grows with the load, where it is known what presses."""
-        return bool(self.pressing) or not getattr(effect, "loaded", False)
+    def find_lacking(self, effect: Effect) -> str:
+        """Return what this element lacks for an effect to act, empty where it can.
+
+        What one of the drive or of the displacement does to an element that nothing else drives can hardly be told from
+        what the reading's sensor does.
+        """
+        if getattr(effect, "loaded", False) and not self.pressing:
+            return "what presses; name it, as plant.pressing=[p1_kpa]"
+        if getattr(effect, "changes", "answer") in ("drive", "displacement") and not self.driving:
+            return "a signal that drives it besides its displacement"
+        return ""
 
     @property
     def finest_s(self) -> float:
@@ -156,15 +164,23 @@ class ElementPlant(RecordPlant):
         begun: InitialState | None = None,
     ) -> Array:
         """Return the answer, (T, R); see `RecordPlant.simulate`."""
-        answer = self.answer(signals, constants)
         placed = self.place(effects)
         if not placed:
-            return answer
-        scale, bench = self.know("output_scale"), self.set_up(signals, step_s, start_s)
-        changed = answer / scale
-        for effect, values in sorted(placed, key=lambda each: getattr(each[0], "sensed", False)):
-            changed = effect.apply(changed, bench, values)
-        return changed * scale
+            return self.answer(signals, constants)
+        acting, bench = dict(signals), self.set_up(signals, step_s, start_s)
+        for effect, values in self._select(placed, "drive"):
+            acting |= {name: effect.apply(acting[name], bench, values) for name in self.driving}
+        moved = [name for name in (self.along, self.against, self.speed, PATH, RATE) if name in acting]
+        for effect, values in self._select(placed, "displacement"):
+            acting |= {name: effect.apply(acting[name], bench, values) for name in moved}
+        scale, bench = self.know("output_scale"), self.set_up(acting, step_s, start_s)
+        answer = self.answer(acting, constants) / scale
+        for effect, values in (*self._select(placed, "answer"), *self._select(placed, "reading")):
+            answer = effect.apply(answer, bench, values)
+        return answer * scale
+
+    def _select(self, placed: Sequence[Placed], changes: str) -> list[Placed]:
+        return [each for each in placed if getattr(each[0], "changes", "answer") == changes]
 
     def displace(self, signals: Signals) -> Array:
         """Return the signal along which the element is moved, in its unit."""

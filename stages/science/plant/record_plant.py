@@ -172,8 +172,9 @@ class RecordPlant(Declared):
             hint = "; put a signal in place of NAME" if self.output == "NAME" else ""
             raise ValueError(f"output: expected another signal than those it is told from, got {self.output}{hint}")
         for entry in self.effects:
-            if not self.offers(find_effect_at(self.SITE, entry.name, entry.form)):
-                raise ValueError(f"effects: {entry.name} needs what presses; name it, as plant.pressing=[p1_kpa]")
+            lacking = self.find_lacking(find_effect_at(self.SITE, entry.name, entry.form))
+            if lacking:
+                raise ValueError(f"effects: {entry.name} needs {lacking}")
         if self.TERMS is not None:
             collect(self.TERMS, self.SITE, self.place())
         return self
@@ -239,9 +240,9 @@ class RecordPlant(Declared):
         levels = np.quantile(np.concatenate([np.abs(each).ravel() for each in drives]), LIMITED) / scale
         return [{effect.parameters[0].name: float(1.0 / level)} for level in levels if level > 0.0]
 
-    def offers(self, effect: Effect) -> bool:
-        """Return whether an effect of its site can act in this machine: here all of them."""
-        return True
+    def find_lacking(self, effect: Effect) -> str:
+        """Return what this machine lacks for an effect of its site to act, empty where it can: here of all of them."""
+        return ""
 
     @property
     def driving(self) -> tuple[str, ...]:

@@ -85,10 +85,11 @@ BENCHES = {
 """By machine: what simulates it, what it answers, and the keys that name its signals."""
 
 
-def record_bench(machine, effect, size, seed, rate_hz, seconds=64.0, filter_s=0.0, rings=None):
+def record_bench(machine, effect, size, seed, rate_hz, seconds=64.0, filter_s=0.0, rings=None, behind=()):
     """Return signals of a record at a rate; the effect has a size over half the answer's range.
 
-    The answer's sensor may have a filter, or ring at some hertz with some damping.
+    The answer's sensor may have a filter, or ring at some hertz with some damping. What acts may be behind what is
+    recorded, by a lag of so many s by name; of fewer than none, the sensor of what is recorded has such a filter.
     """
     generator = np.random.default_rng([seed, len(machine)])
     samples = int(seconds * FINE_HZ)
@@ -112,6 +113,9 @@ def record_bench(machine, effect, size, seed, rate_hz, seconds=64.0, filter_s=0.
     answer = answer + sign * size * scale * added + WANDER * noise * wander / wander.std()
     answer = follow(answer, filter_s) if filter_s else answer
     answer = ring(answer, *rings) if rings else answer
+    for name, lag_s in dict(behind).items():
+        ahead = signals[name] + lag_s * np.gradient(signals[name], 1.0 / FINE_HZ)
+        signals[name] = ahead if lag_s > 0.0 else follow(signals[name], -lag_s)
     every = int(FINE_HZ / rate_hz)
     told = {name: each[::every] for name, each in signals.items()}
     told = {name: v + PATH_NOISE * np.ptp(v) * generator.standard_normal(len(v)) for name, v in told.items()}

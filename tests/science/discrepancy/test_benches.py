@@ -76,7 +76,11 @@ def test_an_effect_behind_a_filter_is_named_beside_it(machine, effect, rate_hz, 
 @pytest.mark.parametrize("machine", ["muscle", "cylinder"])
 @pytest.mark.parametrize("sensor", [{"filter_s": 0.1}, {"filter_s": 0.02, "rings": (4.0, 1.0)}])
 def test_a_filter_alone_is_named_alone_whatever_its_order(machine, sensor, generator):
-    assert search_bench(machine, "none", 0.0, 25, generator, **sensor)[0] == ["channel_misalignment"]
+    """The cylinder's force hardly depends on how it is moved: one of its filters may be a lag of both pressures."""
+    names = set(search_bench(machine, "none", 0.0, 25, generator, **sensor)[0])
+    lags = {"actuator_lag"} if machine == "cylinder" else set()
+    assert names
+    assert names <= {"channel_misalignment", *lags}
 
 
 @pytest.mark.parametrize(("machine", "hertz", "damping"), [("muscle", 9.0, 0.1), ("cylinder", 2.5, 0.3)])
@@ -107,16 +111,45 @@ def test_what_a_sensor_that_rings_adds_is_no_noise(seed):
     assert np.sqrt(bench.current.raw.sum() / bench.samples.sum()) > 2.0 * bench.floor
 
 
-def test_a_gain_that_follows_late_is_no_noise():
-    """A damper whose force follows the measured current through a lag of 60 ms: the floor is that of one without."""
+def lag_damper(lag_s):
+    """A damper whose force follows the measured current late, with its speed and what else it is."""
     signals, name = record_bench("damper", "none", 0.0, SEEDS["damper"], 100), BENCHES["damper"][1]
-    current, speed, decay = signals["current_a"], signals["speed_m_per_s"], np.exp(-0.01 / 0.06)
+    current, speed, decay = signals["current_a"], signals["speed_m_per_s"], np.exp(-0.01 / lag_s)
     late = lfilter([1.0 - decay], [1.0, -decay], current, zi=[decay * current[0]])[0] - current
     lagging = {**signals, name: signals[name] + 500.0 * late * speed / (1.0 + 0.3 * np.abs(speed))}
     plant = read_plant("damper", **BENCHES["damper"][2])
-    without, having = (prepare(build_records(*tabulate(each, 0.01), plant)) for each in (signals, lagging))
+    return (build_records(*tabulate(each, 0.01), plant) for each in (signals, lagging))
+
+
+def test_a_gain_that_follows_late_is_no_noise():
+    """The floor of a damper whose force follows the measured current through a lag is that of one without."""
+    without, having = (prepare(each) for each in lag_damper(0.06))
     assert np.sqrt(having.current.raw.sum() / having.samples.sum()) > 1.7 * without.floor
     assert having.floor == pytest.approx(without.floor, rel=0.1)
+
+
+@pytest.mark.parametrize(
+    ("machine", "behind", "effect", "form"),
+    [
+        ("muscle", {"pressure_kpa": 0.08}, "actuator_lag", "element"),
+        ("damper", {"current_a": 0.06}, "actuator_lag", "element"),
+        ("cylinder", {"p1_kpa": 0.04, "p2_kpa": 0.04}, "actuator_lag", "element"),
+        ("muscle", {"pressure_kpa": -0.03}, "channel_misalignment", "element_drive"),
+        ("muscle", {"contraction": -0.04}, "channel_misalignment", "element_displacement"),
+    ],
+)
+def test_what_acts_before_or_after_what_is_recorded_is_told_in_time(machine, behind, effect, form, generator):
+    """A pressure behind a tube, a field behind its current, a sensor that is late."""
+    lag_s = next(iter(behind.values()))
+    if machine == "damper":
+        _, found = lag_damper(lag_s)
+    else:
+        found = record(machine, "none", 0.0, 100, SEEDS[machine], behind=behind)
+    verdict = decide(look(found)[0], DISCREPANCY, generator)
+    assert [each.name for each in verdict.effects] == [effect]
+    named, values = verdict.steps[-1][0].effects[-1]
+    assert named.form == form
+    assert next(iter(values.values())) * found.plant.time_scale_s == pytest.approx(abs(lag_s), rel=0.2)
 
 
 def record_spring(generator, noise, viscous=0.0, records=4):

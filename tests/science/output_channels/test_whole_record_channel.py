@@ -191,11 +191,12 @@ def test_records_follow_one_another_in_the_order_of_the_file(generator, heated):
 @pytest.mark.slow
 @pytest.mark.parametrize("tau_s", [0.06, 0.0])
 def test_a_filter_of_the_load_cell_is_named(generator, tau_s):
-    """Of a cylinder, whose force follows its pressure; that of a spring would be told as creep of .79, or as this."""
-    pressure = 300.0 + 100.0 * wander(generator, 3000, 60)
-    force = trail(pressure, tau_s, STEP_S) if tau_s else pressure
+    """Of a cylinder with a spring; of the spring alone it would be creep of .79, or this, and without it a lag."""
+    pressure, way = 300.0 + 100.0 * wander(generator, 3000, 60), move(1, 3000)
+    law = pressure - 60.0 * (way - way.mean()) / np.ptp(way)
+    force = trail(law, tau_s, STEP_S) if tau_s else law
     force = force + 0.3 * generator.standard_normal(3000)
-    signals = {"s_m": move(1, 3000), "p_kpa": pressure, "f_n": force}
+    signals = {"s_m": way, "p_kpa": pressure, "f_n": force}
     named = {"along": "s_m", "pressure": "p_kpa", "output": "f_n", "second_pressure": None, "speed": None}
     found, names = look(build_records(*tabulate(signals), read_plant("cylinder", **named)))
     assert names == (["channel_misalignment"] if tau_s else [])

@@ -100,6 +100,34 @@ def test_an_answer_behind_a_filter_in_closed_form():
     assert np.abs(found - plain).max() > 0.02 * np.ptp(plain)
 
 
+@pytest.mark.parametrize(
+    ("effect", "behind"),
+    [
+        (("actuator_lag", "element", "paces"), ("p_kpa", "q_kpa")),
+        (("channel_misalignment", "element_drive", "paces_late"), ("p_kpa", "q_kpa")),
+        (("channel_misalignment", "element_displacement", "paces_late"), ("s_m", "v_m_per_s")),
+    ],
+)
+def test_what_drives_or_moves_an_element_before_or_after_what_is_recorded(effect, behind):
+    """The answer is that to other signals: what drives it, smoothed; or both, earlier than they were recorded."""
+    plant, constants, late_s = settle("cylinder", speed="v_m_per_s"), LAWS["cylinder"][0] | {"offset": 3.0}, 4 * STEP_S
+    name, form, parameter = effect
+    lagged = parameter == "paces"
+    changed = dict(SIGNALS)
+    for signal in behind:
+        earlier = np.concatenate([SIGNALS[signal][4:], np.full(4, SIGNALS[signal][-1])])
+        changed[signal] = follow(SIGNALS[signal], late_s) if lagged else earlier
+    found = simulate(plant, SIGNALS, constants, [(name, form, {parameter: late_s / plant.time_scale_s})])
+    expected, plain = (simulate(plant, each, constants) for each in (changed, SIGNALS))
+    np.testing.assert_allclose(found, expected, atol=(2e-3 if lagged else 1e-9) * np.ptp(plain))
+    assert np.abs(found - plain).max() > 0.002 * np.ptp(plain)
+
+
+def test_an_effect_of_what_drives_is_none_of_an_element_without():
+    with pytest.raises(ValueError, match="actuator_lag needs a signal that drives it besides its displacement"):
+        settle("finger", effects=[{"name": "actuator_lag", "form": "element", "paces": 0.1}])
+
+
 @pytest.mark.parametrize("damping", [0.05, 0.5])
 def test_an_answer_of_a_sensor_that_rings_as_scipy_has_it(damping):
     plant, tau_s = settle("cylinder"), 0.05

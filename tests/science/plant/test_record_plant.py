@@ -176,10 +176,18 @@ def shake_oscillator():
     return plant, {each: 0.3 * source.standard_normal(400) for each in (*plant.inputs, plant.output)}, 0.0016
 
 
+def sweep_under_pressure():
+    free = {"start": None, "low": None, "high": None, "sd": None}
+    told = {"stiffness": {"unit": "N/m", "of": ["along"]}, "pull": {"unit": "N/kPa", "of": ["pressure_kpa"]}}
+    plant = read_plant("static_map", constants={name: each | free for name, each in told.items()})
+    signals = sweep()
+    return plant, signals | {"pressure_kpa": 200.0 + 90.0 * np.sin(0.05 * np.arange(len(signals["force_n"])))}, 0.01
+
+
 SITES = {
     "lag": lambda: (read_plant("first_order"), *lag(5, samples=800)),
     "motion": shake_oscillator,
-    "element": lambda: (read_plant("static_map"), sweep(), 0.01),
+    "element": sweep_under_pressure,
 }
 FORMS = [form for site in SITES for form in list_effects_at(site, list_effects())]
 
@@ -189,7 +197,7 @@ def test_zero_magnitude_is_absence_and_each_start_is_not(form):
     plant, signals, step_s = SITES[form.site]()
     settled = plant.resolve_from_data([signals], step_s)
     first, values = form.parameters[0], begin(form)
-    constants = settled.starts | ({"stiffness": 900.0} if form.site == "element" else {})
+    constants = settled.starts | ({"stiffness": 900.0, "pull": 0.1} if form.site == "element" else {})
 
     def answer(*effects):
         told = {name: signals[name] for name in plant.inputs}

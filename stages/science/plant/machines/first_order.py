@@ -131,10 +131,11 @@ class FirstOrder(RecordPlant):
         aims = (constants["gain"] * each[self.input] for each in records)
         return self.list_limits(effect, "lag_drive", aims, self.know("output_scale"))
 
-    def offers(self, effect: Effect) -> bool:
-        """Return whether an effect can act: friction in what turns or slides, and not in what fills or warms."""
+    def find_lacking(self, effect: Effect) -> str:
+        """Return what lacks for an effect: friction acts in what turns or slides, and not in what fills or warms."""
         moves = self.output.endswith(("_m_per_s", "_rad_per_s"))
-        return moves or effect.name not in ("coulomb_friction", "viscous_friction")
+        rubs = effect.name in ("coulomb_friction", "viscous_friction")
+        return "an output in m/s or rad/s" if rubs and not moves else ""
 
     @property
     def memory_s(self) -> float:

@@ -41,9 +41,9 @@ class ServoDrive(MotionPlant):
     force: str
     constants: DriveConstants
 
-    def offers(self, effect: Effect) -> bool:
-        """Return whether an effect can act: an offset of the sensor is that of the place in which a record begins."""
-        return effect.name != "sensor_offset"
+    def find_lacking(self, effect: Effect) -> str:
+        """Return what lacks for an effect: an offset of the sensor is that of the place in which a record begins."""
+        return "a place that is known before a record begins" if effect.name == "sensor_offset" else ""
 
     def pull(self, signals: Signals, constants: Values) -> Pull:
         """Return force over mass."""
