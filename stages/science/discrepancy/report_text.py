@@ -160,7 +160,7 @@ def _describe_unexplained(verdict: Mapping[str, Any], settings: DiscrepancySetti
     helping = [each for each in verdict["ranking"] if _is_candidate(each) and each["heldout_gap"] < least]
     helping = [each for each in helping if each["name"] in likely] or helping
     nearest, near = min(helping, key=lambda each: each["heldout_gap"], default=None), ""
-    if nearest:
+    if nearest and _percent(nearest["heldout_gap"]) != _percent(alone):
         doubt = f"probability {say_sure(nearest['probability'])}" if nearest["name"] not in suspected else "see below"
         near = (
             f" Of the names, {_spell(nearest['name'])} comes nearest ({doubt}): "

@@ -116,7 +116,7 @@ TWO_PLAYS_ELEMENT = replace(
         PLAYING_ELEMENT.parameters[0],
         replace(PLAYING_ELEMENT.parameters[1], starts=(0.15, 0.6)),
         PLAYING_ELEMENT.parameters[2],
-        Parameter("second_ratio", "1", -1.0, 3.0, 0.0, 1.0, "height of another slider over the first's", (0.5, -0.5)),
+        Parameter("second_ratio", "1", -0.4, 3.0, 0.0, 1.0, "height of another slider over the first's", (0.5, -0.3)),
         Parameter("second_width", "1", 0.005, 2.0, 0.5, 0.5, "way in which that turns", (0.4, 0.8)),
     ),
     source=(

@@ -146,7 +146,8 @@ def find_drift(fit: Fit) -> Drift:
     ends = (np.array([session_s.min(), session_s.max()]) - session_s.mean()) / max(float(session_s.std()), 1e-300)
     first, last = fit.values[best] + change[best] + change[-1] * ends
     parameter = fit.model.parameters[best]
-    return Drift(parameter.name, parameter.unit, float(first), float(last), lefts[best])
+    unit = fit.model.output.unit if parameter.unit == "unit of the output" else parameter.unit
+    return Drift(parameter.name, unit, float(first), float(last), lefts[best])
 
 
 def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None) -> Array:

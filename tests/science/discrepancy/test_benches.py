@@ -92,15 +92,17 @@ def test_a_sensor_that_rings_is_named_alone_and_beside_friction(machine, hertz, 
 
 
 @pytest.mark.parametrize("machine", ["muscle", "cylinder"])
-def test_a_load_cell_whose_gain_changes_at_one_moment_is_told_with_its_size(machine, generator):
+@pytest.mark.parametrize("form", ["element_gain_shift", "element_shift"])
+def test_a_load_cell_that_changes_at_one_moment_is_told_with_its_size(machine, form, generator):
     signals = record_bench(machine, "none", 0.0, SEEDS[machine], 100)
     name, half = BENCHES[machine][1], len(signals["position_m" if machine == "cylinder" else "contraction"]) // 2
-    signals[name][half:] *= 1.05
+    scale = 0.5 * np.ptp(signals[name])
+    signals[name][half:] += 0.05 * (scale if form == "element_shift" else signals[name][half:])
     plant = read_plant(machine, **BENCHES[machine][2])
     verdict = decide(look(build_records(*tabulate(signals, 0.01), plant))[0], DISCREPANCY, generator)
     assert [each.name for each in verdict.effects] == ["sensor_drift"]
-    form, values = verdict.steps[-1][0].effects[-1]
-    assert form.form == "element_gain_shift"
+    found, values = verdict.steps[-1][0].effects[-1]
+    assert found.form == form
     assert values["share"] == pytest.approx(0.05, rel=0.15)
 
 
