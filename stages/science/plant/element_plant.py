@@ -167,20 +167,21 @@ class ElementPlant(RecordPlant):
         placed = self.place(effects)
         if not placed:
             return self.answer(signals, constants)
-        acting, bench = dict(signals), self.set_up(signals, step_s, start_s)
-        for effect, values in self._select(placed, "drive"):
-            acting |= {name: effect.apply(acting[name], bench, values) for name in self.driving}
-        moved = [name for name in (self.along, self.against, self.speed, PATH, RATE) if name in acting]
-        for effect, values in self._select(placed, "displacement"):
-            acting |= {name: effect.apply(acting[name], bench, values) for name in moved}
-        scale, bench = self.know("output_scale"), self.set_up(acting, step_s, start_s)
+        scale, bench = self.know("output_scale"), self.set_up(signals, step_s, start_s)
+        acting = self._move_in_time(signals, bench, placed)
+        bench = bench if acting is signals else self.set_up(acting, step_s, start_s)
         answer = self.answer(acting, constants) / scale
-        for effect, values in (*self._select(placed, "answer"), *self._select(placed, "reading")):
+        for effect, values in (*_select(placed, "answer"), *_select(placed, "reading")):
             answer = effect.apply(answer, bench, values)
         return answer * scale
 
-    def _select(self, placed: Sequence[Placed], changes: str) -> list[Placed]:
-        return [each for each in placed if getattr(each[0], "changes", "answer") == changes]
+    def _move_in_time(self, signals: Signals, bench: Bench, placed: Sequence[Placed]) -> Signals:
+        """Return the signals that act: what drives the element first, then how it is moved, as effects change them."""
+        moved = [name for name in (self.along, self.against, self.speed, PATH, RATE) if name and name in signals]
+        for changes, names in (("drive", self.driving), ("displacement", moved)):
+            for effect, values in _select(placed, changes):
+                signals = {**signals, **{name: effect.apply(signals[name], bench, values) for name in names}}
+        return signals
 
     def displace(self, signals: Signals) -> Array:
         """Return the signal along which the element is moved, in its unit."""
@@ -219,3 +220,7 @@ class ElementPlant(RecordPlant):
         path = f"{self.along} - {self.against}" if self.against else self.along
         others = (Watched(name, signals[name], False) for name in self.inputs if name not in (path, self.speed))
         return [Watched(path, refined[PATH], False), Watched(f"rate of {path}", rate, True, self.along, per_s), *others]
+
+
+def _select(placed: Sequence[Placed], changes: str) -> list[Placed]:
+    return [each for each in placed if getattr(each[0], "changes", "answer") == changes]
