@@ -1,6 +1,6 @@
 """A muscle's force as polynomials of contraction, with and without pressure, by least squares.
 
-Pressure, contraction and force of one muscle flow in; coefficients with standard errors and predictions come out.
+Pressure, contraction and force of one muscle flow in; a law that predicts comes out.
 """
 
 from __future__ import annotations
@@ -12,11 +12,8 @@ from numpy.typing import ArrayLike
 
 from stages.science.signals.scaling import Array
 
-COEFFICIENT_UNITS = {"a1": "N/kPa", "a2": "N/kPa", "a3": "N/kPa", "a4": "N", "a5": "N", "a6": "N"}
-"""Unit of each coefficient; contraction has none."""
-
 LARGEST_VALUE = 1e50
-"""Coefficients of values within it are finite."""
+"""Forces of values within it are finite."""
 
 SMALLEST_VALUE = 1e-50
 SMALLEST_RANGE = 1e-9
@@ -36,34 +33,21 @@ class LinearMuscleModel:
     knows no velocity.
     """
 
-    coefficients: Array
-    """a1 to a6, (6,), in the units of `COEFFICIENT_UNITS`."""
-    standard_errors: Array
-    """For independent errors of one variance; NaN where data do not determine one or leave no degree of freedom."""
-    residual_sd_n: float
-    """By n less the rank; NaN where none is left."""
-    n: int
-    rank: int
-    """Independent directions of coefficients that the n samples determine, at most 6."""
-    condition: float
-    """Largest over smallest singular value, of the determined directions, in standardised inputs."""
-    repair: str
-    """What was done where data do not determine all coefficients; empty otherwise."""
     centre: Array
     scale: Array
     """Half ranges of pressure (kPa) and contraction, (2,), which with their centres standardise them."""
     weights: Array
-    """The same polynomial in standardised inputs, (6,), N."""
+    """a1 to a6 of the same polynomial in standardised inputs, (6,), N."""
 
     @classmethod
     def fit(cls, pressure_kpa: ArrayLike, contraction: ArrayLike, force_n: ArrayLike) -> LinearMuscleModel:
-        """Fit the coefficients by ordinary least squares to pressures (kPa gauge), contractions and forces (N), (n,).
+        """Fit the polynomial by ordinary least squares to pressures (kPa gauge), contractions and forces (N), (n,).
 
         Samples of a slack muscle do not follow the law and are better left out. Where data do not determine all
         coefficients (fewer than six samples, two contractions only, one pressure), the model is the polynomial of least
-        norm in standardised inputs, as its `repair` says: it explains the data as well as any other, and its forces
-        elsewhere are a convention; an input that never changed changes no force. Columns of the design are those of
-        inputs in [-1, 1], of like size and nearly independent; coefficients follow by an exact change of basis.
+        norm in standardised inputs: it explains the data as well as any other, and its forces elsewhere are a
+        convention; an input that never changed changes no force. Columns of the design are those of inputs in [-1, 1],
+        of like size and nearly independent.
 
         A `ValueError` tells arrays that are empty or not vectors of one length, and a value that is not finite or
         absurdly large.
@@ -82,34 +66,9 @@ class LinearMuscleModel:
         design = _design((pressure - centre[0]) / scale[0], (contracted - centre[1]) / scale[1])
         left, singular, right = np.linalg.svd(design, full_matrices=False)
         rank = int((singular > singular[0] * SMALLEST_SINGULAR_VALUE).sum())
-        left, singular, right = left[:, :rank], singular[:rank], right[:rank]
         size = float(np.abs(force).max()) or 1.0
-        weights = right.T @ (left.T @ (force / size) / singular)
-        residuals = force / size - design @ weights
-        free = force.size - rank
-        residual_sd = float(np.linalg.norm(residuals) / np.sqrt(free)) * size if free else np.nan
-        change = _change_of_basis(centre, scale)
-        errors = residual_sd * np.linalg.norm(change @ (right.T / singular), axis=1)
-        repair = ""
-        if rank < design.shape[1]:
-            found = f"{np.unique(pressure).size} pressures and {np.unique(contracted).size} contractions"
-            repair = f"least norm: {force.size} samples with {found} determine {rank} of 6 coefficients"
-            # a coefficient is determined where its row of the change of basis lies in the span of the directions
-            outside = change - change @ right.T @ right
-            open_ = np.linalg.norm(outside, axis=1) > 1e-8 * np.linalg.norm(change, axis=1)
-            errors[open_] = np.nan
-        return cls(
-            coefficients=change @ (weights * size),
-            standard_errors=errors,
-            residual_sd_n=residual_sd,
-            n=force.size,
-            rank=rank,
-            condition=float(singular[0] / singular[-1]),
-            repair=repair,
-            centre=centre,
-            scale=scale,
-            weights=weights * size,
-        )
+        weights = right[:rank].T @ (left[:, :rank].T @ (force / size) / singular[:rank])
+        return cls(centre, scale, weights * size)
 
     def predict(self, pressure_kpa: ArrayLike, contraction: ArrayLike) -> Array:
         """Return the force, N, by pressure (kPa gauge) and contraction, two arrays of one shape; NaN where one is NaN.
@@ -141,12 +100,3 @@ def _design(pressure: Array, contraction: Array) -> Array:
     """Return the (..., 6) terms of a1 to a6."""
     powers = np.stack([contraction**2, contraction, np.ones_like(contraction)], axis=-1)
     return np.concatenate([pressure[..., None] * powers, powers], axis=-1)
-
-
-def _change_of_basis(centre: Array, scale: Array) -> Array:
-    """Return the (6, 6) matrix from weights of standardised inputs to coefficients."""
-    slope, shift = 1 / scale[1], -centre[1] / scale[1]
-    # ((C - c) / s)^2 = slope^2 C^2 + 2 slope shift C + shift^2
-    contraction = np.array([[slope**2, 0.0, 0.0], [2 * slope * shift, slope, 0.0], [shift**2, shift, 1.0]])
-    pressure = np.array([[1 / scale[0], 0.0], [-centre[0] / scale[0], 1.0]])
-    return np.kron(pressure, contraction)

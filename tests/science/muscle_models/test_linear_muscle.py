@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from stages.science.muscle_models.linear_muscle import COEFFICIENT_UNITS, LinearMuscleModel
+from stages.science.muscle_models.linear_muscle import LinearMuscleModel
 from stages.science.plant.muscle import MuscleConstants, braid_coefficients, compute_tension
 
 COMMON = settings(derandomize=True, deadline=None, max_examples=100)
@@ -36,11 +36,10 @@ def test_recovers_the_muscle_of_the_plant(generator):
     force = compute_tension(pressure, contraction, np.zeros((200, 1)), muscle)
     assert (force > 0).all()
     model = LinearMuscleModel.fit(pressure[:, 0], contraction[:, 0], force[:, 0])
-    law = [area * a * factor**2, -2 * area * a * factor, area * (a - b), -quadratic, -linear, 0.0]
-    np.testing.assert_allclose(model.coefficients, law, rtol=1e-9, atol=1e-9)
-    assert (model.n, model.rank, model.repair) == (200, 6, "")
-    assert model.residual_sd_n < 1e-9
-    assert len(COEFFICIENT_UNITS) == 6
+    law = np.array([area * a * factor**2, -2 * area * a * factor, area * (a - b), -quadratic, -linear, 0.0])
+    # also far from all samples, where another polynomial would show
+    farther = generator.uniform(-1000, 1000, 200), generator.uniform(-1, 1, 200)
+    np.testing.assert_allclose(model.predict(*farther), terms(*farther) @ law, rtol=1e-9, atol=1e-7)
 
 
 @pytest.mark.parametrize("offset", [0.0, 30.0])
@@ -51,58 +50,42 @@ def test_equals_normal_equations_in_fifty_digits(generator, offset):
     with mpmath.workdps(50):
         pairs = [[mpmath.mpf(each) for each in pair] for pair in zip(pressure, contraction, strict=True)]
         design = mpmath.matrix([[p * c**2, p * c, p, c**2, c, 1] for p, c in pairs])
-        covariance, measured = (design.T * design) ** -1, mpmath.matrix(force.tolist())
-        exact = covariance * (design.T * measured)
-        variance = mpmath.norm(measured - design * exact) ** 2 / 34
+        exact = (design.T * design) ** -1 * (design.T * mpmath.matrix(force.tolist()))
         predicted = np.array((design * exact).tolist(), dtype=float)[:, 0]
-        exact = np.array(exact.tolist(), dtype=float)[:, 0]
-        errors = [float(mpmath.sqrt(variance * covariance[k, k])) for k in range(6)]
     model = LinearMuscleModel.fit(pressure, contraction, force)
-    np.testing.assert_allclose(model.coefficients, exact, rtol=1e-9)
-    np.testing.assert_allclose(model.standard_errors, errors, rtol=1e-8)
-    assert model.residual_sd_n == pytest.approx(float(mpmath.sqrt(variance)), rel=1e-10)
     np.testing.assert_allclose(model.predict(pressure, contraction), predicted, rtol=1e-10, atol=1e-10)
-    assert model.condition < 20
 
 
 @pytest.mark.parametrize("pressure", [300.0, 1e40, 1e-40])
-def test_one_pressure_that_at_most_rounding_changes_determines_three_directions(generator, pressure):
+def test_one_pressure_that_at_most_rounding_changes_determines_the_law_there(generator, pressure):
     _, contraction, force = draw(generator, 60, noise=1.0)
     best = np.polyval(np.polyfit(contraction, force, 2), contraction)
     for part in (0.0, 1e-13):
         pressures = pressure * (1 + part * generator.standard_normal(60))
         model = LinearMuscleModel.fit(pressures, contraction, force)
-        assert model.rank == 3
-        told = f"least norm: 60 samples with {len(set(pressures))} pressures and 60 contractions determine 3 of 6"
-        assert model.repair == f"{told} coefficients"
-        assert np.isnan(model.standard_errors).all()
         # what no sample shows adds nothing: another pressure changes no force
         for at in (pressures, pressures * 1.3):
             np.testing.assert_allclose(model.predict(at, contraction), best, rtol=1e-9)
 
 
-def test_two_contractions_determine_four_directions(generator):
+def test_two_contractions_determine_the_law_between_them(generator):
     pressure, _, _ = draw(generator, 60)
     contraction = np.tile([0.0, 0.1], 30)
     force = terms(pressure, contraction) @ PLANTED + generator.standard_normal(60)
     model = LinearMuscleModel.fit(pressure, contraction, force)
-    assert model.rank == 4
-    # at zero contraction, the terms without contraction are the law, so these two remain determined
-    np.testing.assert_array_equal(np.isnan(model.standard_errors), [True, True, False, True, True, False])
     reduced = np.stack([pressure * contraction, pressure, contraction, np.ones(60)], axis=1)
     baseline = sm.OLS(force, reduced).fit()
-    np.testing.assert_allclose(model.coefficients[[2, 5]], baseline.params[[1, 3]], rtol=1e-8)
-    np.testing.assert_allclose(model.standard_errors[[2, 5]], baseline.bse[[1, 3]], rtol=1e-8)
     np.testing.assert_allclose(model.predict(pressure, contraction), baseline.fittedvalues, rtol=1e-9)
-    assert model.residual_sd_n == pytest.approx(np.sqrt(baseline.mse_resid))
+    # at zero contraction, the terms without contraction are the law, so these two remain determined
+    still = baseline.params[1] * pressure + baseline.params[3]
+    np.testing.assert_allclose(model.predict(pressure, np.zeros(60)), still, rtol=1e-8)
 
 
-def test_a_pressure_that_follows_contraction_determines_four_directions(generator):
+def test_a_pressure_that_follows_contraction_is_explained_all_the_same(generator):
     contraction = generator.uniform(0, 0.25, 60)
     pressure = 100 + 2000 * contraction
     force = terms(pressure, contraction) @ PLANTED
     model = LinearMuscleModel.fit(pressure, contraction, force)
-    assert (model.rank, model.repair != "") == (4, True)
     np.testing.assert_allclose(model.predict(pressure, contraction), force, rtol=1e-9)
 
 
@@ -114,15 +97,10 @@ def test_a_pressure_that_follows_contraction_determines_four_directions(generato
         )
     )
 )
-def test_any_data_give_finite_coefficients_and_the_smallest_residuals(values):
+def test_any_data_give_finite_forces_and_the_smallest_residuals(values):
     model = LinearMuscleModel.fit(*values)
     predicted = model.predict(*values[:2])
-    assert np.isfinite(model.coefficients).all()
     assert np.isfinite(predicted).all()
-    assert (model.repair == "") == (model.rank == 6)
-    assert np.isfinite(model.condition)
-    assert (np.isnan(model.standard_errors) | (model.standard_errors >= 0)).all()
-    assert np.isnan(model.residual_sd_n) == (model.n == model.rank)
     # not worse than predicting the mean force
     size = np.abs(values[2]).max() or 1.0
     error, plain = (np.linalg.norm((values[2] - each) / size) for each in (predicted, values[2].mean()))
@@ -131,15 +109,13 @@ def test_any_data_give_finite_coefficients_and_the_smallest_residuals(values):
 
 @COMMON
 @given(st.integers(-20, 20), st.integers(-20, 20), st.integers(-20, 20))
-def test_units_change_coefficients_and_nothing_else(of_pressure, of_contraction, of_force):
+def test_units_change_the_force_by_their_own_alone(of_pressure, of_contraction, of_force):
     pressure, contraction, force = draw(np.random.default_rng(1), 30, noise=5.0)
     model = LinearMuscleModel.fit(pressure, contraction, force)
     units = np.ldexp(1.0, [of_pressure, of_contraction, of_force])
     other = LinearMuscleModel.fit(pressure * units[0], contraction * units[1], force * units[2])
-    factor = units[2] / terms(units[0], units[1])
-    np.testing.assert_allclose(other.coefficients, model.coefficients * factor, rtol=1e-9)
-    np.testing.assert_allclose(other.standard_errors, model.standard_errors * factor, rtol=1e-9)
-    assert other.condition == pytest.approx(model.condition)
+    told, expected = other.predict(pressure * units[0], contraction * units[1]), model.predict(pressure, contraction)
+    np.testing.assert_allclose(told, expected * units[2], rtol=1e-9)
 
 
 def test_predicts_sane_inputs_of_any_one_shape_and_keeps_what_is_missing(generator):
