@@ -6,7 +6,7 @@ before it is not known.
 """
 
 from collections.abc import Callable, Mapping, Sequence
-from typing import Annotated, Literal, NamedTuple, Self
+from typing import TYPE_CHECKING, Annotated, Literal, NamedTuple, Self
 
 import numpy as np
 import pandas as pd
@@ -118,18 +118,10 @@ def describe_features() -> dict[str, Column]:
 FEATURE_COLUMNS = tuple(describe_features())
 """Columns that tables have where a model has these inputs."""
 
-Name = Literal[
-    "pressure",
-    "contraction",
-    "contraction_velocity",
-    "contraction_stop_narrow",
-    "contraction_stop",
-    "contraction_stop_wide",
-    "contraction_highpass",
-    "pressure_highpass",
-    "direction",
-    "pressure_rate",
-]
+if TYPE_CHECKING:
+    Name = str
+else:
+    Name = Literal[*FEATURES]
 
 
 class ModelSettings(BaseModel, extra="forbid", frozen=True, strict=True, allow_inf_nan=False):

@@ -6,7 +6,7 @@ Values of the configuration flow in; a `Design` of the GP's flows out.
 from collections import Counter
 from collections.abc import Mapping, Sequence
 from dataclasses import fields
-from typing import Annotated, Any, Literal, Self, get_args
+from typing import TYPE_CHECKING, Annotated, Any, Literal, Self, get_args
 
 from pydantic import (
     BaseModel,
@@ -19,25 +19,21 @@ from pydantic import (
 )
 
 from stages.science.gp.interaction import Design
+from stages.science.gp.scoring import JOINT
 from stages.science.gp.task_utilities import TASK_UTILITIES
+from stages.science.gp.utilities import UTILITIES
 from stages.science.gp.utility_names import TRIED, load_utility, name_utility
 
 MOST_POINTS = 2000
 """Points of an exact GP, beyond which its covariance (8 N^2 bytes, 32 MB) and the N^3 / 3 operations of each of the
 thousands of steps in which hyperparameters are sought take a day for each trial of each arm."""
 
-NamedForSamples = Literal[
-    "y_y",
-    "f_f",
-    "f_y",
-    "y_y_theta",
-    "hyperparameter_information",
-    "variance",
-    "integrated_variance",
-    "predictive_information",
-    "random",
-]
-Named = Literal[NamedForSamples, "log_det"]
+if TYPE_CHECKING:
+    NamedForSamples = str
+    Named = str
+else:
+    NamedForSamples = Literal[*UTILITIES, *TASK_UTILITIES, "random"]
+    Named = Literal[NamedForSamples, JOINT]
 
 
 def _read_own(value: Any, read: ValidatorFunctionWrapHandler) -> Any:
