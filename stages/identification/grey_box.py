@@ -10,7 +10,7 @@ and measures nothing.
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import Annotated, Any, ClassVar, NamedTuple, Self
+from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
 import pandas as pd
@@ -201,15 +201,6 @@ class Config(Section):
     seed: int
 
 
-class Tested(NamedTuple):
-    """Samples of a muscle: standardised inputs (N, D), measured and each plant's force, N, and movements, (N,)."""
-
-    inputs: Array
-    force_n: Array
-    plants_n: Mapping[str, Array]
-    trajectories: Array
-
-
 @dataclass(frozen=True)
 class Designed:
     """What the design left of a muscle in an experiment: its last model's rows, points, and samples of its trials.
@@ -278,7 +269,7 @@ def grey_box(
     jobs = {}
     for muscle in [str(name) for name in hyperprior["muscle"].unique()]:
         recorded = RecordedModels.read(hyperprior, scaling, muscle)
-        its_tests = {name: gather_samples(each[each["muscle"] == muscle], recorded) for name, each in tests.items()}
+        its_tests = {name: each[each["muscle"] == muscle] for name, each in tests.items()}
         for key, its in own_models[own_models["muscle"] == muscle].groupby(WHO, sort=False):
             where = str(key[0]), int(str(key[1])), muscle
             designed = Designed(its[its["trial"] == its["trial"].max()], points_of[where], samples_of[where])
@@ -381,20 +372,13 @@ def add_forces(recordings: pd.DataFrame, plants: Mapping[str, Plant], cfg: Confi
     return keep_wanted(recordings.assign(**forces))
 
 
-def gather_samples(samples: pd.DataFrame, recorded: RecordedModels) -> Tested:
-    """Return a muscle's samples as arrays."""
-    plants = {name: samples[name].to_numpy() for name in PLANTS}
-    force, trajectories = (samples[name].to_numpy() for name in (MODEL_OUTPUT, "trajectory"))
-    return Tested(recorded.scaling.inputs_of(samples), force, plants, trajectories)
-
-
 def judge_muscle(
     participant: str,
     experiment: int,
     muscle: str,
     recorded: RecordedModels,
     designed: Designed,
-    tests: Mapping[str, Tested],
+    tests: Mapping[str, pd.DataFrame],
     settings: GreyBoxSettings,
     generator: np.random.Generator,
 ) -> list[tuple[str, tuple[Any, ...]]]:
@@ -410,21 +394,23 @@ def judge_muscle(
     }
     told: list[tuple[str, tuple[Any, ...]]] = []
     for tested_on, test in tests.items():
+        inputs, (nominal_n, plant_n, force_n) = scaling.inputs_of(test), test[[*PLANTS, MODEL_OUTPUT]].to_numpy().T
         forces = {
-            **test.plants_n,
-            PROCESS: scaling.restore_force(process.predict_mean(test.inputs)),
-            GREY_BOX: grey.predict_mean(test.inputs, test.plants_n[AMENDED]),
+            NOMINAL: nominal_n,
+            AMENDED: plant_n,
+            PROCESS: scaling.restore_force(process.predict_mean(inputs)),
+            GREY_BOX: grey.predict_mean(inputs, plant_n),
         }
         for rung in RUNGS:
-            rate = error_rate(forces[rung], test.force_n)
+            rate = error_rate(forces[rung], force_n)
             told.append((GREY_BOX_ERRORS.name, (*who, tested_on, muscle, rung, rate)))
-        some = slice(None, None, settings.every)
-        inputs, plant_n = test.inputs[some], test.plants_n[AMENDED][some]
+        inputs, plant_n, force_n = (each[:: settings.every] for each in (inputs, plant_n, force_n))
         for rung, (mean_n, half_n) in (
             (PROCESS, predict_interval(process, scaling, inputs, QUANTILE * factors[PROCESS])),
             (GREY_BOX, grey.predict_interval(inputs, plant_n, QUANTILE * factors[GREY_BOX])),
         ):
-            covered = cover_blocks(test.force_n[some], mean_n - half_n, mean_n + half_n, test.trajectories[some])
+            movements = test["trajectory"].iloc[:: settings.every]
+            covered = cover_blocks(force_n, mean_n - half_n, mean_n + half_n, movements)
             widths = float(half_n.mean()), factors[rung], judge_coverage(covered)
             told.append((GREY_BOX_COVERAGE.name, (*who, tested_on, muscle, rung, *vars(covered).values(), *widths)))
     residual = grey.residual
