@@ -6,7 +6,7 @@ Rows of the tables flow in; arrays by muscle, in the order of the hyperprior, an
 from __future__ import annotations
 
 from collections.abc import Callable, Iterable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import pandas as pd
@@ -40,15 +40,12 @@ class MuscleSet:
         """Gather the tables by muscle."""
         names = list(hyperprior["muscle"].unique())
         trajectories = [int(each) for each in candidates["trajectory"].unique()]
-        scalings, priors, inputs = [], [], []
-        for name in names:
-            rows = hyperprior[hyperprior["muscle"] == name]
-            priors.append(_read_prior(rows))
-            scalings.append(Scaling.of_muscle(scaling, name))
-            samples = scalings[-1].inputs_of(candidates[candidates["muscle"] == name])
-            inputs.append(samples.reshape(len(trajectories), -1, samples.shape[1]))
+        recorded = [RecordedModels.read(hyperprior, scaling, name) for name in names]
+        priors, scalings = [each.prior for each in recorded], [each.scaling for each in recorded]
         hyperparameters = list(hyperprior.loc[hyperprior["muscle"] == names[0], "hyperparameter"])
-        return cls(names, hyperparameters, trajectories, scalings, priors, inputs)
+        known = cls(names, hyperparameters, trajectories, scalings, priors, [])
+        along = [each.reshape(len(trajectories), -1, each.shape[1]) for each in known.inputs_of(candidates)]
+        return replace(known, candidates=along)
 
     @property
     def mean(self) -> str:
@@ -110,7 +107,8 @@ class RecordedModels:
     def read(cls, hyperprior: pd.DataFrame, scaling: pd.DataFrame, muscle: str) -> RecordedModels:
         """Read a muscle's rows of the tables `hyperprior` and `scaling`."""
         rows = hyperprior[hyperprior["muscle"] == muscle]
-        return cls(_read_prior(rows), _name_mean(rows["hyperparameter"]), Scaling.of_muscle(scaling, muscle))
+        prior = Hyperprior(rows["mean"].to_numpy(), rows["variance"].to_numpy())
+        return cls(prior, _name_mean(rows["hyperparameter"]), Scaling.of_muscle(scaling, muscle))
 
     def rebuild(self, model: pd.DataFrame, points: pd.DataFrame) -> MarginalGP:
         """Return a model as it stood after a trial, from this muscle's rows of one experiment and arm.
@@ -162,10 +160,6 @@ class ExperimentModels:
                 found[gp.identity] = list(tell(gp))
             rows += [(self.participant, self.experiment, arm, trial, *told) for told in found[gp.identity]]
         return rows
-
-
-def _read_prior(rows: pd.DataFrame) -> Hyperprior:
-    return Hyperprior(rows["mean"].to_numpy(), rows["variance"].to_numpy())
 
 
 def _name_mean(hyperparameters: Iterable[str]) -> str:
