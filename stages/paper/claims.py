@@ -104,14 +104,18 @@ Verdict = tuple[float, str, str]
 TOO_FEW: Verdict = (np.nan, UNTESTED, "too few experiments for a test")
 
 
-def judge_better(evidence: Evidence) -> Verdict:
-    """Judge a claim that something is better."""
+def judge_better(
+    evidence: Evidence,
+    shown: str = "shown",
+    not_shown: str = "not shown: no difference was found, which is not the same as none",
+) -> Verdict:
+    """Judge a claim that something is better, or different where there is no estimate."""
     p = evidence.p_different
     if np.isnan(p):
         return TOO_FEW
     if not p < LEVEL:
-        return p, FAILS, "not shown: no difference was found, which is not the same as none"
-    return (p, HOLDS, "shown") if evidence.estimate < 0 else (p, FAILS, "the opposite was found")
+        return p, FAILS, not_shown
+    return (p, FAILS, "the opposite was found") if evidence.estimate >= 0 else (p, HOLDS, shown)
 
 
 def judge_same(evidence: Evidence) -> Verdict:
@@ -135,16 +139,6 @@ def judge_all_same(evidence: Evidence, differing: Sequence[str]) -> Verdict:
     if verdict == FAILS and differing:
         return p, FAILS, f"it matters to {', '.join(differing)}, and is not equivalent for every muscle"
     return p, verdict, finding
-
-
-def judge_concentrated(evidence: Evidence) -> Verdict:
-    """Judge a claim that choices agree more than by chance."""
-    p = evidence.p_different
-    if np.isnan(p):
-        return TOO_FEW
-    if p < LEVEL:
-        return p, HOLDS, "chosen more alike than at random"
-    return p, FAILS, "not shown: choices as spread as at random"
 
 
 @stage(CLAIMS, CLAIM_FINDINGS)
@@ -301,7 +295,9 @@ def weigh_concentration(concentration: pd.DataFrame) -> Iterator[dict[str, Any]]
     """Take the design's test, the first of the arms."""
     row = {**concentration.to_dict("records")[0], "low": np.nan, "high": np.nan}
     statistic = "Monte Carlo test of dispersion, over its mean at random"
-    yield weigh(row, "choices_agree", "", judge_concentrated, statistic, row["n"], "effect")
+    shown, not_shown = "chosen more alike than at random", "not shown: choices as spread as at random"
+    judge = partial(judge_better, shown=shown, not_shown=not_shown)
+    yield weigh(row, "choices_agree", "", judge, statistic, row["n"], "effect")
 
 
 def weigh_sparse_model(compared: pd.DataFrame) -> Iterator[dict[str, Any]]:
