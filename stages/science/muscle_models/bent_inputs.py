@@ -46,41 +46,29 @@ class Movement:
     scaling: Scaling
     model: ModelSettings
 
-    def bend(self, change_rad: Array) -> dict[str, Array]:
-        """Return the (n,) signals and features that follow from motion, with the reference changed (T,), rad.
+    def foresee(self, change_rad: Array, command_kpa: Array) -> Array:
+        """Return standardised inputs (n, D) with the reference changed (T,), rad, under another command (T,), kPa.
 
-        The joint is taken to follow what is changed at once.
+        Joint and pressure are taken to follow what is changed at once.
         """
         old, contracted = self.recorded, self.contraction_per_rad * change_rad[:: self.every]
         new = {
+            PRESSURE: old[PRESSURE] + (command_kpa - self.command_kpa)[:: self.every],
             CONTRACTION: old[CONTRACTION] + contracted,
             VELOCITY: old[VELOCITY] + np.gradient(contracted, self.step_s),
         }
-        return new | self._add_followed(new, of_pressure=False)
-
-    def press(self, command_kpa: Array) -> dict[str, Array]:
-        """Return the (n,) signal and features that follow from pressure, at once, under another command (T,), kPa."""
-        new = {PRESSURE: self.recorded[PRESSURE] + (command_kpa - self.command_kpa)[:: self.every]}
-        return new | self._add_followed(new, of_pressure=True)
-
-    def foresee(self, bent: Mapping[str, Array], pressed: Mapping[str, Array]) -> Array:
-        """Return standardised inputs (n, D) from what `bend` and `press` return."""
-        restored = np.stack([(pressed if name in pressed else bent)[name] for name in self.scaling.inputs], axis=1)
+        new |= {name: old[name] + each - self._followed[name] for name, each in self._follow(new).items()}
+        restored = np.stack([new[name] for name in self.scaling.inputs], axis=1)
         return (restored - self.scaling.input_centre) / self.scaling.input_scale
-
-    def _add_followed(self, new: Mapping[str, Array], of_pressure: bool) -> dict[str, Array]:
-        followed = self._follow(new, of_pressure)
-        return {name: self.recorded[name] + each - self._followed[name] for name, each in followed.items()}
 
     @cached_property
     def _followed(self) -> dict[str, Array]:
-        return self._follow(self.recorded, False) | self._follow(self.recorded, True)
+        return self._follow(self.recorded)
 
-    def _follow(self, signals: Mapping[str, Array], of_pressure: bool) -> dict[str, Array]:
-        asked = [(each.column, each.follow) for each in self.model.features if each.of_pressure == of_pressure]
-        return {
-            name: follow(signals, self.step_s, self.model.constants) for name, follow in asked if follow is not None
-        }
+    def _follow(self, signals: Mapping[str, Array]) -> dict[str, Array]:
+        """Return the features of the past that signals make."""
+        asked = [(each.column, each.follow) for each in self.model.features if each.follow is not None]
+        return {name: follow(signals, self.step_s, self.model.constants) for name, follow in asked}
 
 
 @dataclass
@@ -163,22 +151,18 @@ class Search:
         def begin(name: str) -> _Part:
             return _Part(np.zeros(coefficients), FIRST_STEP * self.bending.bounds[name].span)
 
-        def bend(angle: Array) -> dict[str, dict[str, Array]]:
-            return {name: each.bend(angle - angle_rad) for name, each in moved.items()}
-
-        def score(name: str, bent: Mapping[str, Array], pressed: Mapping[str, Array]) -> float:
-            return self.weigh(self.muscles.names.index(name), moved[name].foresee(bent, pressed))
+        def score(name: str, angle: Array, command_kpa: Array) -> float:
+            return self.weigh(self.muscles.names.index(name), moved[name].foresee(angle - angle_rad, command_kpa))
 
         reference, pressures = begin(joint), {name: begin(name) for name in moved}
-        kept = bend(angle_rad)
-        pressed = {name: each.press(each.command_kpa) for name, each in moved.items()}
-        told = {name: score(name, kept[name], pressed[name]) for name in moved}
+        kept, commands = angle_rad, {name: each.command_kpa for name, each in moved.items()}
+        told = {name: score(name, kept, commands[name]) for name in moved}
         begun = sum(told.values())
         for turn in range(1, evaluations):
             if turn % 2:
                 change = reference.draw(generator)
-                bent = bend(self.bending.bend_angle(joint, angle_rad, change))
-                its = {name: score(name, bent[name], pressed[name]) for name in moved}
+                bent = self.bending.bend_angle(joint, angle_rad, change)
+                its = {name: score(name, bent, commands[name]) for name in moved}
                 better = sum(its.values()) > sum(told.values())
                 reference.judge(better)
                 if better:
@@ -186,11 +170,10 @@ class Search:
                 continue
             for name, part in pressures.items():
                 change = part.draw(generator)
-                movement = moved[name]
-                own = movement.press(self.bending.bend_command(name, movement.command_kpa, change))
-                more = score(name, kept[name], own)
+                command = self.bending.bend_command(name, moved[name].command_kpa, change)
+                more = score(name, kept, command)
                 part.judge(more > told[name])
                 if more > told[name]:
-                    part.change, told[name], pressed[name] = change, more, own
+                    part.change, told[name], commands[name] = change, more, command
         changes = {joint: reference.change} | {name: each.change for name, each in pressures.items()}
         return {name: each for name, each in changes.items() if each.any()}, sum(told.values()) - begun

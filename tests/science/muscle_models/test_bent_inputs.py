@@ -45,10 +45,6 @@ THINNED = ROWS[ROWS.groupby("muscle").cumcount() % 4 == 0]
 SCALING = Scaling(COLUMNS, np.arange(10.0), 1.0 + np.arange(10.0), 0.0, 1.0)
 
 
-def foresee(movement, change_rad, command_kpa):
-    return movement.foresee(movement.bend(change_rad), movement.press(command_kpa))
-
-
 @pytest.mark.parametrize("muscle", list(PER_RAD))
 def test_inputs_are_those_of_the_bent_movement(muscle):
     change, command = 0.2 * np.cos(1.3 * TIME_S) + 0.1 * TIME_S, COMMANDS[muscle] + 30.0 * np.sin(TIME_S)
@@ -56,15 +52,15 @@ def test_inputs_are_those_of_the_bent_movement(muscle):
     signals = {name: rows[name].to_numpy() for name in COLUMNS}
     movement = Movement(PER_RAD[muscle], COMMANDS[muscle], signals, 1, 1.0 / RATE_HZ, SCALING, MODEL)
     bent = make_rows(ANGLE + change, {muscle: command})
-    np.testing.assert_allclose(foresee(movement, change, command), SCALING.inputs_of(bent), atol=1e-9)
-    np.testing.assert_allclose(foresee(movement, 0.0 * change, COMMANDS[muscle]), SCALING.inputs_of(rows), atol=1e-12)
+    np.testing.assert_allclose(movement.foresee(change, command), SCALING.inputs_of(bent), atol=1e-9)
+    np.testing.assert_allclose(movement.foresee(0.0 * change, COMMANDS[muscle]), SCALING.inputs_of(rows), atol=1e-12)
     own = Scaling(COLUMNS[1:2], SCALING.input_centre[1:2], SCALING.input_scale[1:2], 0.0, 1.0)
     alone = Movement(PER_RAD[muscle], COMMANDS[muscle], signals, 1, 1.0 / RATE_HZ, own, MODEL)
-    np.testing.assert_allclose(foresee(alone, change, command), own.inputs_of(bent), atol=1e-9)
+    np.testing.assert_allclose(alone.foresee(change, command), own.inputs_of(bent), atol=1e-9)
     fewer = {name: each[::4] for name, each in signals.items()}
     thinned = Movement(PER_RAD[muscle], COMMANDS[muscle], fewer, 4, 4.0 / RATE_HZ, SCALING, MODEL)
     expected = SCALING.restore_inputs(SCALING.inputs_of(bent)[::4])
-    found = SCALING.restore_inputs(foresee(thinned, change, command))
+    found = SCALING.restore_inputs(thinned.foresee(change, command))
     off = np.sqrt(((found - expected) ** 2).mean(axis=0)) / expected.std(axis=0)
     assert off.max() < 0.03
 
