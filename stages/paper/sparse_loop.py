@@ -301,23 +301,10 @@ class Experiment:
             pd.concat([part[table.name] for part in landed]) for table in (SPARSE_RECORDINGS, SPARSE_TRIALS)
         )
         kept = thin(recorded, self.cfg.sparse_loop.every, ["trial"])
-        inputs, outputs = self.muscles.standardise(pd.concat([self.start, kept]))
-        models, pseudo = (self.keep_latest(landed[-1][table.name]) for table in (SPARSE_MODELS, SPARSE_PSEUDO_INPUTS))
-        names = self.muscles.names
         used = [*self.initial, *(int(each) for each in chosen["trajectory"])]
-        return SparseInteraction(
-            self.design(arm),
-            tuple(self.muscles.candidates),
-            tuple(self.muscles.priors),
-            tuple(inputs),
-            tuple(outputs),
-            tuple(models.loc[models["muscle"] == name, "value"].to_numpy() for name in names),
-            frozenset(self.muscles.indices(used)),
-            pseudo=tuple(
-                scaling.inputs_of(pseudo[pseudo["muscle"] == name])
-                for name, scaling in zip(names, self.muscles.scalings, strict=True)
-            ),
-        )
+        known = self.muscles.recall(used, pd.concat([self.start, kept]), landed[-1][SPARSE_MODELS.name])
+        pseudo = self.muscles.inputs_of(self.keep_latest(landed[-1][SPARSE_PSEUDO_INPUTS.name]))
+        return SparseInteraction(self.design(arm), *known, pseudo=tuple(pseudo))
 
     @staticmethod
     def keep_latest(frame: pd.DataFrame) -> pd.DataFrame:

@@ -18,6 +18,7 @@ from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
 
 CONSTANT_MEAN = "constant_mean"
 WHO = ["participant", "experiment"]
+Arrays = tuple[Array, ...]
 
 
 @dataclass(frozen=True)
@@ -88,11 +89,17 @@ class MuscleSet:
         tasks : sequence over M muscles of (Q, D) float arrays
             Standardised inputs that the models are wanted for, where the design asks for them.
         """
-        inputs, outputs = self.standardise(points)
+        return Interaction(design, *self.recall(used, points, models), tuple(tasks))
+
+    def recall(
+        self, used: Sequence[int], samples: pd.DataFrame, models: pd.DataFrame
+    ) -> tuple[Arrays, tuple[Hyperprior, ...], Arrays, Arrays, Arrays, frozenset[int]]:
+        """Return what a `Knowledge` takes after its design: candidates to used movements; see `resume`."""
+        inputs, outputs = self.standardise(samples)
         latest = models[models["trial"] == models["trial"].max()]
         thetas = tuple(latest.loc[latest["muscle"] == name, "value"].to_numpy() for name in self.names)
         known = tuple(self.candidates), tuple(self.priors), tuple(inputs), tuple(outputs), thetas
-        return Interaction(design, *known, frozenset(self.indices(used)), tuple(tasks))
+        return *known, frozenset(self.indices(used))
 
 
 @dataclass(frozen=True)
