@@ -11,7 +11,6 @@ whether the opposite was found, or nothing. What was not tested, for want of exp
 """
 
 from collections.abc import Callable, Iterator, Sequence
-from dataclasses import dataclass
 from functools import partial
 from typing import Any
 
@@ -78,61 +77,46 @@ class Config(Section):
     """What this stage reads: tables alone."""
 
 
-@dataclass(frozen=True)
-class Evidence:
-    """What a comparison says about a claim, with n units in the smaller group.
-
-    The estimate is a difference with its 95 % interval, negative = as claimed to be better. The p-value of the test of
-    difference is adjusted where it is one of many; that of equivalence is NaN without such a test.
-    """
-
-    statistic: str
-    n: int
-    estimate: float
-    low: float
-    high: float
-    effect: float
-    p_different: float
-    p_equivalent: float = np.nan
-
-
-NOTHING = Evidence("none", 0, *[np.nan] * 5)
-
 Verdict = tuple[float, str, str]
 """The p-value that decided, the verdict, and the finding in words."""
+
+Judge = Callable[[float, float, float], Verdict]
+"""Judges a difference, negative = as claimed to be better, by the p-values of the tests of difference, adjusted where
+it is one of many, and of equivalence, NaN without such a test."""
 
 TOO_FEW: Verdict = (np.nan, UNTESTED, "too few experiments for a test")
 
 
 def judge_better(
-    evidence: Evidence,
+    estimate: float,
+    p: float,
+    p_equivalent: float,
     shown: str = "shown",
     not_shown: str = "not shown: no difference was found, which is not the same as none",
 ) -> Verdict:
     """Judge a claim that something is better, or different where there is no estimate."""
-    p = evidence.p_different
     if np.isnan(p):
         return TOO_FEW
     if not p < LEVEL:
         return p, FAILS, not_shown
-    return (p, FAILS, "the opposite was found") if evidence.estimate >= 0 else (p, HOLDS, shown)
+    return (p, FAILS, "the opposite was found") if estimate >= 0 else (p, HOLDS, shown)
 
 
-def judge_same(evidence: Evidence) -> Verdict:
+def judge_same(estimate: float, p_different: float, p: float) -> Verdict:
     """Judge a claim that something does not matter."""
-    p, different = evidence.p_equivalent, evidence.p_different < LEVEL
+    different = p_different < LEVEL
     if np.isnan(p):
         return TOO_FEW
     if p < LEVEL:
         return p, HOLDS, "it matters, but by less than the margin" if different else "equivalent to the margin"
     if different:
-        return p, FAILS, "it matters" if evidence.estimate > 0 else "it matters, and improves"
+        return p, FAILS, "it matters" if estimate > 0 else "it matters, and improves"
     return p, FAILS, "undecided: neither a difference nor equivalence was found"
 
 
-def judge_all_same(evidence: Evidence, differing: Sequence[str]) -> Verdict:
+def judge_all_same(estimate: float, p_different: float, p: float, differing: Sequence[str]) -> Verdict:
     """Judge a claim that something matters to none of several muscles, of which some were shown to differ."""
-    p, verdict, finding = judge_same(evidence)
+    p, verdict, finding = judge_same(estimate, p_different, p)
     if verdict == HOLDS:
         more = f"; within it, it matters to {', '.join(differing)}" if differing else ""
         return p, HOLDS, f"equivalent to the margin for every muscle{more}"
@@ -170,7 +154,7 @@ def claims(
     if executed_by is not None:
         rows.append(describe_reality(bool(executed_by["real"].all()), rows))
         untested = [claim for claim in PAPER if claim not in {row["claim"] for row in rows}]
-        rows += [describe(claim, "", "", NOTHING, (np.nan, UNTESTED, ABSENT)) for claim in untested]
+        rows += [describe(claim, (np.nan, UNTESTED, ABSENT)) for claim in untested]
     told = pd.DataFrame(rows, columns=list(CLAIMS.columns))
     return told, pd.DataFrame({"sentence": count_claims(told)})
 
@@ -190,10 +174,11 @@ def count_claims(told: pd.DataFrame) -> list[str]:
     return [f"{told}, {len(claims)} {count}: {names[told]}." for told, claims in groups.items() if claims]
 
 
-def describe(claim: str, setting: str, tested_on: str, found: Evidence, told: Verdict) -> dict[str, Any]:
-    """Return the row of `claims`."""
+def describe(claim: str, told: Verdict, setting: str = "", tested_on: str = "") -> dict[str, Any]:
+    """Return the row of `claims` of what nothing was compared for."""
     where = {"claim": claim, "paper": PAPER[claim], "setting": setting, "tested_on": tested_on}
-    return where | vars(found) | dict(zip(("p", "verdict", "finding"), told, strict=True))
+    nothing = {"statistic": "none", "n": 0, **dict.fromkeys(("estimate", "low", "high", "effect"), np.nan)}
+    return where | nothing | dict(zip(("p", "verdict", "finding"), told, strict=True))
 
 
 def describe_reality(real: bool, rows: list[dict[str, Any]]) -> dict[str, Any]:
@@ -203,16 +188,15 @@ def describe_reality(real: bool, rows: list[dict[str, Any]]) -> dict[str, Any]:
         if real and row["claim"] == "error_falls":
             return {**row, "claim": claim, "paper": PAPER[claim]}
     why = (UNTESTED, ABSENT) if real else (UNTESTABLE, "all trials were simulated")
-    return describe(claim, "", "", NOTHING, (np.nan, *why))
+    return describe(claim, (np.nan, *why))
 
 
-def weigh(
-    row: Any, claim: str, setting: str, judge: Callable[[Evidence], Verdict], statistic: str, n: int, effect: str
-) -> dict[str, Any]:
-    """Return the row of `claims` by what a comparison's row says."""
+def weigh(row: Any, claim: str, setting: str, judge: Judge, statistic: str, n: int, effect: str) -> dict[str, Any]:
+    """Return the row of `claims` by what a comparison's row says, with n units in the smaller group."""
     names = ("difference", "low", "high", effect, "p_holm", "p_tost")
-    found = Evidence(statistic, int(n), *(float(row.get(name, np.nan)) for name in names))
-    return describe(claim, setting, row.get("tested_on", ""), found, judge(found))
+    estimate, low, high, size, *p = (float(row.get(name, np.nan)) for name in names)
+    found = {"statistic": statistic, "n": int(n), "estimate": estimate, "low": low, "high": high, "effect": size}
+    return describe(claim, judge(estimate, *p), setting, row.get("tested_on", "")) | found
 
 
 def weigh_fall(curve: pd.DataFrame) -> Iterator[dict[str, Any]]:
