@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import Any
 
 import numpy as np
 import pandas as pd
@@ -17,13 +17,6 @@ import pandas as pd
 from stages.science.gp.marginal import MarginalGP, fit
 from stages.science.muscle_models.muscle_set import RecordedModels
 from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
-
-
-class Interval(NamedTuple):
-    """Prediction of N measured forces, N: their means, (N,), and half the widths of their intervals, (N,)."""
-
-    mean_n: Array
-    half_n: Array
 
 
 @dataclass(frozen=True)
@@ -56,13 +49,14 @@ class GreyBox:
         """Return the force, N, of (N, D) standardised inputs at which the plant's is known, N, (N,) each."""
         return np.asarray(plant_n + self.scaling.force_scale_n * self.residual.predict_mean(inputs))
 
-    def predict_interval(self, inputs: Array, plant_n: Array, quantile: float) -> Interval:
-        """Return what a load cell would show, hyperparameters marginalised; the normal quantile makes the width.
+    def predict_interval(self, inputs: Array, plant_n: Array, quantile: float) -> tuple[Array, Array]:
+        """Return what a load cell would show, N: means and half the widths of intervals, (N,) each.
 
-        The plant's own uncertainty, of its constants and effects, is not added: the process has to tell it.
+        Hyperparameters are marginalised; the normal quantile makes the width. The plant's own uncertainty, of its
+        constants and effects, is not added: the process has to tell it.
         """
-        interval = predict_interval(self.residual, self.scaling, inputs, quantile)
-        return Interval(plant_n + interval.mean_n - self.scaling.force_centre_n, interval.half_n)
+        mean_n, half_n = predict_interval(self.residual, self.scaling, inputs, quantile)
+        return plant_n + mean_n - self.scaling.force_centre_n, half_n
 
 
 def leave_residual(scaling: Scaling, samples: pd.DataFrame, plant_n: Array | float) -> tuple[Array, Array]:
@@ -70,8 +64,8 @@ def leave_residual(scaling: Scaling, samples: pd.DataFrame, plant_n: Array | flo
     return scaling.inputs_of(samples), (samples[MODEL_OUTPUT].to_numpy() - plant_n) / scaling.force_scale_n
 
 
-def predict_interval(model: MarginalGP, scaling: Scaling, inputs: Array, quantile: float) -> Interval:
+def predict_interval(model: MarginalGP, scaling: Scaling, inputs: Array, quantile: float) -> tuple[Array, Array]:
     """Return what a load cell would show by a model of the force itself; see `GreyBox.predict_interval`."""
     mean, variance = model.predict_marginal(inputs)
     half_n = quantile * scaling.force_scale_n * np.sqrt(variance + model.noise_variance)
-    return Interval(scaling.restore_force(mean), np.asarray(half_n))
+    return scaling.restore_force(mean), np.asarray(half_n)

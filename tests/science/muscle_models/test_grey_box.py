@@ -56,6 +56,6 @@ def test_a_plant_that_says_the_scales_centre_leaves_the_model_of_the_force_itsel
     np.testing.assert_allclose(grey.residual.theta, own.theta, rtol=1e-9, atol=1e-9)
     inputs = scaling.inputs_of(test)
     expected = predict_interval(own, scaling, inputs, 1.96)
-    np.testing.assert_allclose(grey.predict_mean(inputs, still[1]), expected.mean_n, rtol=1e-7)
+    np.testing.assert_allclose(grey.predict_mean(inputs, still[1]), expected[0], rtol=1e-7)
     for got, told in zip(grey.predict_interval(inputs, still[1], 1.96), expected, strict=True):
         np.testing.assert_allclose(got, told, rtol=1e-7)
