@@ -1,7 +1,7 @@
 """How far a prediction is from a measurement, and how late one signal follows another."""
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 
 from stages.science.signals.trajectories import Array
 
@@ -10,9 +10,6 @@ SMALLEST_FORCE = 1e-150
 """Quotients of values between them are finite."""
 LEAST_CORRELATION = 0.5
 """Correlation at the best delay below which a signal does not follow the other one."""
-ROUGHNESS = 1e-5
-LEAST_SPREAD = 1e-4
-"""Share of a whole signal's spread that is left of it at every lag where sums tell correlations that well."""
 
 
 def rmse(predicted: ArrayLike, measured: ArrayLike) -> float:
@@ -59,34 +56,17 @@ def find_delay(shown: Array, followed: Array, sampling_rate_hz: float, longest_s
     nan where the signals do not move, do not agree, or agree best at the longest delay.
     """
     longest = min(int(longest_s * sampling_rate_hz), len(shown) // 2)
-
-    def correlate(lag: int) -> float:
-        return _correlate(shown[: len(shown) - lag], followed[lag:])
-
-    rough = _correlate_roughly(shown, followed, np.arange(longest + 1))
-    correlation = {int(lag): correlate(int(lag)) for lag in np.flatnonzero(~(rough < rough.max() - ROUGHNESS))}
-    if not np.isfinite(list(correlation.values())).all():
+    correlation = [_correlate(shown[: len(shown) - lag], followed[lag:]) for lag in range(longest + 1)]
+    if not np.isfinite(correlation).all():
         return float("nan")
-    best = max(correlation, key=correlation.__getitem__)
+    best = int(np.argmax(correlation))
     if correlation[best] < LEAST_CORRELATION or best == longest:
         return float("nan")
     shift = 0.0
     if best > 0:
-        before, at, after = correlate(best - 1), correlation[best], correlate(best + 1)
+        before, at, after = correlation[best - 1 : best + 2]
         shift = 0.5 * (before - after) / (before - 2.0 * at + after) if before + after < 2.0 * at else 0.0
     return float((best + shift) / sampling_rate_hz)
-
-
-def _correlate_roughly(shown: Array, followed: Array, lags: NDArray[np.intp]) -> Array:
-    """Return correlations at lags to within `ROUGHNESS`, from sums that lags share; nan where that loses digits."""
-    first, second = shown - shown.mean(), followed - followed.mean()
-    both, count = np.stack([first, second[::-1]]), len(shown) - lags
-    squares, sums = np.cumsum(np.square(both), axis=1), np.cumsum(both, axis=1)[:, count - 1]
-    whole, spread = squares[:, -1:], squares[:, count - 1] - np.square(sums) / count
-    if not ((spread > LEAST_SPREAD * whole) & (whole > 1e-100) & (whole < 1e100)).all():
-        return np.full(len(lags), np.nan)
-    products = np.array([first[: len(first) - lag] @ second[lag:] for lag in lags])
-    return np.asarray((products - sums[0] * sums[1] / count) / np.sqrt(spread[0] * spread[1]))
 
 
 def _correlate(first: Array, second: Array) -> float:
