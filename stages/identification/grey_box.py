@@ -9,7 +9,6 @@ and measures nothing.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
 from typing import Annotated, Any, ClassVar, Self
 
 import numpy as np
@@ -29,14 +28,14 @@ from stages.science.gp.marginal import MarginalGP
 from stages.science.muscle_models.error_rates import ALL_MUSCLES, TEST_WORDS, add_average
 from stages.science.muscle_models.grey_box import GreyBox, leave_residual, predict_interval
 from stages.science.muscle_models.inputs import ModelSettings
-from stages.science.muscle_models.muscle_set import WHO, RecordedModels
+from stages.science.muscle_models.muscle_set import WHO, ExperimentModels, RecordedModels
 from stages.science.muscle_models.samples import gather_tests, keep_wanted, locate_points, thin
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.plant.measured_motion import simulate_force
 from stages.science.plant.plant import Plant
 from stages.science.signals.executed_trials import join_executed
 from stages.science.signals.measures import error_rate
-from stages.science.signals.scaling import MODEL_OUTPUT, Array, Scaling
+from stages.science.signals.scaling import MODEL_OUTPUT, Array
 from stages.science.statistics.intervals import Coverage, cover_blocks
 
 LEVEL = 0.95
@@ -201,26 +200,6 @@ class Config(Section):
     seed: int
 
 
-@dataclass(frozen=True)
-class Designed:
-    """What the design left of a muscle in an experiment: its last model's rows, points, and samples of its trials.
-
-    Points and samples have the amended plant's force.
-    """
-
-    model: pd.DataFrame
-    points: pd.DataFrame
-    samples: pd.DataFrame
-
-    def scale(self, model: MarginalGP, scaling: Scaling, plant_n: Array | float) -> float:
-        """Return the factor on the widths of a model's intervals, of what the plant's force leaves of the samples'."""
-        inputs, left = leave_residual(scaling, self.samples, plant_n)
-        executed = [(inputs[rows], left[rows]) for rows in self.samples.groupby("trial").indices.values()]
-        if len(executed) < FEWEST:
-            return 1.0
-        return max(1.0, scale_intervals(model, self.points["trial"].to_numpy() - 1, executed, LEVEL))
-
-
 @stage(
     ERROR_BY_STEP,
     GREY_BOX_SUMMARY,
@@ -263,19 +242,14 @@ def grey_box(
     own = active_recordings[active_recordings["arm"] == design]
     samples = cfg.model.extend(own.assign(**{AMENDED: force[-len(own) :]}), [*WHO, "trial"])
     samples = thin(samples, cfg.grey_box.every, [*WHO, "trial"])
-    points_of, samples_of = (
-        dict[Any, pd.DataFrame](list(each.groupby([*WHO, "muscle"], sort=False))) for each in (known, samples)
-    )
+    samples_of = dict[Any, pd.DataFrame](list(samples.groupby([*WHO, "muscle"], sort=False)))
+    recorded = {str(name): RecordedModels.read(hyperprior, scaling, name) for name in hyperprior["muscle"].unique()}
+    tests_of = {muscle: {name: each[each["muscle"] == muscle] for name, each in tests.items()} for muscle in recorded}
     jobs = {}
-    for muscle in [str(name) for name in hyperprior["muscle"].unique()]:
-        recorded = RecordedModels.read(hyperprior, scaling, muscle)
-        its_tests = {name: each[each["muscle"] == muscle] for name, each in tests.items()}
-        for key, its in own_models[own_models["muscle"] == muscle].groupby(WHO, sort=False):
-            where = str(key[0]), int(str(key[1])), muscle
-            designed = Designed(its[its["trial"] == its["trial"].max()], points_of[where], samples_of[where])
-            generator = ctx.generator("starts", *where)
-            job = *where, recorded, designed, its_tests, cfg.grey_box, generator
-            jobs["{} experiment {} {}".format(*where)] = job
+    for note, its in ExperimentModels.split(recorded, own_models, known).items():
+        where = its.participant, its.experiment, its.muscle
+        generator = ctx.generator("starts", *where)
+        jobs[note] = its, samples_of[where], tests_of[its.muscle], cfg.grey_box, generator
     rows = ctx.gather("experiments", judge_muscle, jobs)
     told = {
         table.name: pd.DataFrame([row for name, row in rows if name == table.name], columns=list(table.columns))
@@ -373,24 +347,34 @@ def add_forces(recordings: pd.DataFrame, plants: Mapping[str, Plant], cfg: Confi
 
 
 def judge_muscle(
-    participant: str,
-    experiment: int,
-    muscle: str,
-    recorded: RecordedModels,
-    designed: Designed,
+    learned: ExperimentModels,
+    samples: pd.DataFrame,
     tests: Mapping[str, pd.DataFrame],
     settings: GreyBoxSettings,
     generator: np.random.Generator,
 ) -> list[tuple[str, tuple[Any, ...]]]:
-    """Return rows of one muscle in one experiment, each with the name of its table."""
-    who = participant, experiment
-    points, process = designed.points, recorded.rebuild(designed.model, designed.points)
+    """Return rows of one muscle in one experiment, each with the name of its table.
+
+    The design's models, their points and the samples of its trials, all with the amended plant's force, are given.
+    """
+    who, muscle, points = (learned.participant, learned.experiment), learned.muscle, learned.points
+    recorded, scaling = learned.recorded, learned.recorded.scaling
+    last = learned.models[learned.models["trial"] == learned.models["trial"].max()]
+    process = recorded.rebuild(last, points)
     search = generator, settings.starts, [process.theta]
     grey = GreyBox.identify(recorded, points, points[AMENDED].to_numpy(), *search)
-    scaling = recorded.scaling
+
+    def scale(model: MarginalGP, plant_n: Array | float) -> float:
+        """Return the factor on the widths of a model's intervals, of what the plant's force leaves of the samples'."""
+        inputs, left = leave_residual(scaling, samples, plant_n)
+        executed = [(inputs[rows], left[rows]) for rows in samples.groupby("trial").indices.values()]
+        if len(executed) < FEWEST:
+            return 1.0
+        return max(1.0, scale_intervals(model, points["trial"].to_numpy() - 1, executed, LEVEL))
+
     factors = {
-        PROCESS: designed.scale(process, scaling, scaling.force_centre_n),
-        GREY_BOX: designed.scale(grey.residual, scaling, designed.samples[AMENDED].to_numpy()),
+        PROCESS: scale(process, scaling.force_centre_n),
+        GREY_BOX: scale(grey.residual, samples[AMENDED].to_numpy()),
     }
     told: list[tuple[str, tuple[Any, ...]]] = []
     for tested_on, test in tests.items():
@@ -415,7 +399,7 @@ def judge_muscle(
             told.append((GREY_BOX_COVERAGE.name, (*who, tested_on, muscle, rung, *vars(covered).values(), *widths)))
     residual = grey.residual
     columns = residual.theta, np.sqrt(np.diag(residual.laplace.covariance))
-    for name, value, sd in zip(designed.model["hyperparameter"], *columns, strict=True):
+    for name, value, sd in zip(last["hyperparameter"], *columns, strict=True):
         row = (*who, muscle, name, float(value), float(sd), residual.log_posterior, len(points), residual.repair)
         told.append((GREY_BOX_MODELS.name, row))
     return told
