@@ -52,7 +52,9 @@ class Fork:
             raise EOFError(str(error)) from error
         finally:
             self.end()
-        return _Reader(io.BytesIO(sent), self._kept).load()
+        reader = pickle.Unpickler(io.BytesIO(sent))
+        reader.persistent_load = self._kept.__getitem__  # type: ignore[method-assign]
+        return reader.load()
 
     def end(self) -> None:
         """End the process, whatever it does."""
@@ -71,26 +73,10 @@ class Fork:
         with threadpool_limits(1), suppress(Exception):  # a fault is met again, and told, where the work is done again
             found = work()
             sent = io.BytesIO()
-            _Writer(sent, self._kept).dump(found)
+            writer = pickle.Pickler(sent, pickle.HIGHEST_PROTOCOL)
+            writer.persistent_id = lambda each: id(each) if id(each) in self._kept else None  # type: ignore[method-assign]
+            writer.dump(found)
             sender.send_bytes(sent.getbuffer())
-
-
-class _Writer(pickle.Pickler):
-    def __init__(self, file: io.BytesIO, kept: dict[int, object]):
-        super().__init__(file, protocol=pickle.HIGHEST_PROTOCOL)
-        self.kept = kept
-
-    def persistent_id(self, obj: object) -> int | None:
-        return id(obj) if id(obj) in self.kept else None
-
-
-class _Reader(pickle.Unpickler):
-    def __init__(self, file: io.BytesIO, kept: dict[int, object]):
-        super().__init__(file)
-        self.kept = kept
-
-    def persistent_load(self, pid: int) -> object:
-        return self.kept[pid]
 
 
 def divide(
