@@ -6,7 +6,9 @@ and of its code, and the versions of its libraries.
 """
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, replace
+from functools import reduce
 from pathlib import Path
 from typing import Any, Self
 
@@ -77,9 +79,10 @@ class Ingredients:
     @property
     def parts_fingerprint(self) -> str:
         """Hash of what counts in a part of the stage's loop."""
-        config = self.config
+        config = deepcopy(self.config)
         for key in self.extent:
-            config = _leave_out(config, key.split("."))
+            *sections, name = key.split(".")
+            reduce(lambda section, each: section.get(each) or {}, sections, config).pop(name, None)
         return self._hash(config)
 
     def _hash(self, config: Mapping[str, Any]) -> str:
@@ -187,15 +190,6 @@ def find_parts(
 def parts_folder(ledger: Ledger, stage: Stage, fingerprint: str) -> Path:
     """Return where a run keeps the parts of a stage's loop."""
     return ledger.folder / "parts" / f"{stage.name}-{fingerprint[:16]}"
-
-
-def _leave_out(config: Mapping[str, Any], key: Sequence[str]) -> dict[str, Any]:
-    """Return a configuration without a key, given by its path."""
-    first, *rest = key
-    if first not in config or (rest and not isinstance(config[first], Mapping)):
-        return dict(config)
-    left = {name: value for name, value in config.items() if name != first}
-    return {**left, first: _leave_out(config[first], rest)} if rest else left
 
 
 def _describe_changes(stage: Stage, ingredients: Ingredients, ledgers: Sequence[Ledger]) -> str:
