@@ -201,20 +201,30 @@ class Loop:
         self.turns = list_turns(settings.chosen)
         self.gauge = ctx.folder / "gauge.csv"
         self.news = ""
+        self.points: list[dict[str, Any]] = []
+        """Rows of `calibration_points` but for their residuals, of what was recorded."""
 
     def take(self, turn: Turn) -> None:
         """Have a point recorded, once more where that was of no use, and what the gauge showed meanwhile."""
         for attempt in range(1, self.settings.attempts + 1):
             part = self.ctx.record.part((turn.point, attempt), partial(self.record, turn, attempt))
-            judged = self.judge(part, turn, attempt)
+            judged = self.judge(part, turn)
             problem = next((each.problem for each in judged.values() if each.problem), "")
             if self.news:
                 counted = [f"{each.count:.1f} counts, spread {each.spread_count:.1f}" for each in judged.values()]
                 useless = f", of no use: {problem}" if problem else ""
                 self.news = f"recorded {turn.title} ({', '.join(counted)}){useless}; "
+            known = np.nan if turn.held else turn.value
+            if turn.held and not problem:
+                read = self.ctx.record.part(("gauge", turn.point, attempt), partial(self.read_gauge, turn, attempt))
+                known = float(read[CALIBRATION_READINGS.name]["gauge_kpa"].iloc[0])
+            for channel, found in judged.items():
+                row = {"point": turn.point, "attempt": attempt, "channel": channel, "unit": turn.unit}
+                row |= {"asked": turn.value, "known": known, **vars(found)}
+                if not found.problem and split_name(channel)[1] == "command" and known <= 0.0:
+                    row["problem"] = f"the gauge showed {known:g} kPa: the regulator is at its end, or another's"
+                self.points.append(row)
             if not problem:
-                if turn.held:
-                    self.ctx.record.part(("gauge", turn.point, attempt), partial(self.read_gauge, turn, attempt))
                 return
 
     def record(self, turn: Turn, attempt: int) -> dict[str, pd.DataFrame]:
@@ -267,13 +277,9 @@ class Loop:
         asked = read_json(path) if path.exists() else {}
         return (asked.get("point"), asked.get("attempt")) == (turn.point, attempt)
 
-    def judge(self, told: dict[str, pd.DataFrame], turn: Turn, attempt: int) -> dict[str, Judged]:
+    def judge(self, told: dict[str, pd.DataFrame], turn: Turn) -> dict[str, Judged]:
         """Judge every channel that a recorded point tells about."""
-        samples, turns = (
-            its[(its["point"] == turn.point) & (its["attempt"] == attempt)]
-            for its in (told[CALIBRATION_SAMPLES.name], told[CALIBRATION_TURNS.name])
-        )
-        (how,) = turns.to_dict("records")
+        samples, (how,) = told[CALIBRATION_SAMPLES.name], told[CALIBRATION_TURNS.name].to_dict("records")
         valid, judged = self.rig.device.counts, {}
         for channel in turn.channels:
             kind = split_name(channel)[1]
@@ -291,7 +297,7 @@ class Loop:
 
     def fit(self, told: dict[str, pd.DataFrame]) -> dict[str, pd.DataFrame]:
         """Return the points, lines and changes of what was recorded."""
-        points, channels = self.list_points(told), self.rig.map_channels()
+        points, channels = pd.DataFrame(self.points), self.rig.map_channels()
         means = average_inputs(told[CALIBRATION_SAMPLES.name], channels)
         rows, changes, residual = [], [], pd.Series(np.nan, index=points.index)
         for channel in self.settings.chosen:
@@ -322,22 +328,6 @@ class Loop:
             CALIBRATION_LINES.name: pd.DataFrame(rows)[list(CALIBRATION_LINES.columns)],
             CALIBRATION_CHANGES.name: pd.DataFrame(changes),
         }
-
-    def list_points(self, told: dict[str, pd.DataFrame]) -> pd.DataFrame:
-        """Return the rows of `calibration_points` but for their residuals."""
-        gauge = told[CALIBRATION_READINGS.name].set_index(["point", "attempt"])["gauge_kpa"]
-        attempts = told[CALIBRATION_TURNS.name].groupby("point")["attempt"].max()
-        rows = []
-        for turn in self.turns:
-            for attempt in range(1, int(attempts[turn.point]) + 1):
-                known = float(gauge.get((turn.point, attempt), np.nan)) if turn.held else turn.value
-                for channel, judged in self.judge(told, turn, attempt).items():
-                    row = {"point": turn.point, "attempt": attempt, "channel": channel, "unit": turn.unit}
-                    row |= {"asked": turn.value, "known": known, **vars(judged)}
-                    if not judged.problem and split_name(channel)[1] == "command" and known <= 0.0:
-                        row["problem"] = f"the gauge showed {known:g} kPa: the regulator is at its end, or another's"
-                    rows.append(row)
-        return pd.DataFrame(rows)
 
 
 def average_inputs(samples: pd.DataFrame, channels: ChannelMap) -> pd.DataFrame:
