@@ -76,13 +76,11 @@ class Runner:
     def _connection(self) -> Any:
         """What devices are connected to, the same for all stages of a run.
 
-        An interface has ``open()``, which returns it, ``greeting``, lines that say how to use it, and ``close()``,
-        harmless when it is not open.
+        An interface has ``open()``, a context of it and of lines that say how to use it.
         """
         interface = self.study.build(self.study.settings.interface)
-        connection = interface.open()
-        self._opened.callback(interface.close)
-        for line in interface.greeting:
+        connection, greeting = self._opened.enter_context(interface.open())
+        for line in greeting:
             self._say(line)
         return connection
 

@@ -3,11 +3,12 @@
 The configuration's ``operator_ui`` flows in; out flows the operator session to which rigs report, until it is closed.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
+from contextlib import closing, contextmanager
 
-from pydantic import Field, PrivateAttr
+from pydantic import Field
 
-from stages.science.operator_ui.operator_session import OperatorSession, OperatorSettings
+from stages.science.operator_ui.operator_session import ROLES, OperatorSession, OperatorSettings
 from stages.science.operator_ui.pages.server import PageServer
 from stages.science.operator_ui.terminal import Terminal
 
@@ -17,42 +18,23 @@ class Pages(OperatorSettings):
 
     host: str = Field(min_length=1, description="address that pages are served on")
     port: int = Field(ge=0, le=65535, description="TCP port; 0 = any that is free")
-    _server: PageServer | None = PrivateAttr(default=None)
 
-    @property
-    def greeting(self) -> Sequence[str]:
-        """The pages' addresses."""
-        return [f"{role}'s page: {self._server.address(role)}" for role in ("operator", "participant") if self._server]
-
-    def open(self) -> OperatorSession:
-        """Serve the pages, or raise what `PageServer.open` does."""
-        self._server = PageServer(OperatorSession(self), self.host, self.port)
-        self._server.open()
-        return self._server.session
-
-    def close(self) -> None:
-        """Serve no more."""
-        if self._server is not None:
-            self._server.close()
+    @contextmanager
+    def open(self) -> Iterator[tuple[OperatorSession, Sequence[str]]]:
+        """Serve the pages, or raise what `PageServer.open` does; yield the session and the pages' addresses."""
+        server = PageServer(OperatorSession(self), self.host, self.port)
+        server.open()
+        with closing(server):
+            yield server.session, [f"{role}'s page: {server.address(role)}" for role in reversed(ROLES)]
 
 
 class TerminalUi(OperatorSettings):
     """Questions and keys in the terminal; nobody sees the trial drawn."""
 
-    _terminal: Terminal | None = PrivateAttr(default=None)
-
-    @property
-    def greeting(self) -> Sequence[str]:
-        """What to type."""
-        return ["trials are decided on here: type the letter, perhaps a note after it, and Enter"]
-
-    def open(self) -> OperatorSession:
-        """Begin to ask."""
-        self._terminal = Terminal(OperatorSession(self, drawn=False))
-        self._terminal.open()
-        return self._terminal.session
-
-    def close(self) -> None:
-        """Ask no more."""
-        if self._terminal is not None:
-            self._terminal.close()
+    @contextmanager
+    def open(self) -> Iterator[tuple[OperatorSession, Sequence[str]]]:
+        """Begin to ask; yield the session and what to type."""
+        terminal = Terminal(OperatorSession(self, drawn=False))
+        terminal.open()
+        with closing(terminal):
+            yield terminal.session, ["trials are decided on here: type the letter, perhaps a note after it, and Enter"]
