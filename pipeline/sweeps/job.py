@@ -7,10 +7,8 @@ mistake in its configuration, an exception, a kill by the system, the launcher s
 import os
 import signal
 import threading
-import time
 from contextlib import suppress
 from dataclasses import dataclass
-from functools import cache
 
 from omegaconf import DictConfig
 
@@ -25,11 +23,9 @@ from pipeline.runner import Runner
 from pipeline.runs import claim, is_running, list_ledgers
 from pipeline.stage import Stage, list_tables
 from pipeline.sweeps.launch import STOPPED_BY_FAILURE, STOPPED_BY_SIGNAL, Launch, Outcome, is_meaningful, name_job
-from pipeline.sweeps.subprocess_job import Ending, run_in_subprocess
+from pipeline.sweeps.subprocess_job import Ending, end_with_parent, run_in_subprocess
 from pipeline.terminal import complain, open_console
 
-LOOK_S = 0.5
-"""Between two looks of a worker whether its launcher lives, s."""
 TAKEN = 75
 """Exit code of a job's process that found another process to have begun the job meanwhile."""
 ELSEWHERE = Outcome("elsewhere", told="another process has it at work")
@@ -52,7 +48,7 @@ class JobTask:
 
         if not self.launch.is_own and threading.current_thread() is threading.main_thread():
             signal.signal(signal.SIGINT, signal.SIG_IGN)  # the launch says when to stop
-            _end_with_parent(os.getpid())
+            end_with_parent(os.getpid())
         config = HydraConfig.get()
         overrides = [str(each) for each in config.overrides.task]
         job = name_job(overrides)
@@ -91,9 +87,7 @@ class JobTask:
         _warm_up(study, stages)
         console = open_console(quiet=True)
         runner = Runner(study, stages, arguments, console, given, folder, workers=1)  # the sweep spreads jobs
-        ending = run_in_subprocess(
-            lambda: _run(runner), lambda: self.launch.stop == STOPPED_BY_SIGNAL, follow_parent=not self.launch.is_own
-        )
+        ending = run_in_subprocess(lambda: _run(runner), lambda: self.launch.stop == STOPPED_BY_SIGNAL)
         if ending.code == TAKEN:
             return ELSEWHERE
         ended = Ledger.read(folder)
@@ -152,19 +146,6 @@ def _run(runner: Runner) -> int:
     except PipelineError as error:
         complain(str(error))
         return 2
-
-
-@cache
-def _end_with_parent(pid: int) -> None:
-    """Have this worker end when the launcher does, also while it waits for a job."""
-    parent = os.getppid()
-
-    def follow() -> None:
-        while os.getppid() == parent:
-            time.sleep(LOOK_S)
-        os._exit(1)
-
-    threading.Thread(target=follow, daemon=True).start()
 
 
 def _warm_up(study: Study, stages: list[Stage]) -> None:

@@ -9,6 +9,7 @@ import os
 import signal
 import sys
 import tempfile
+import threading
 import time
 import traceback
 from collections.abc import Callable
@@ -22,7 +23,7 @@ from pipeline.ledger import to_mb
 SOONEST_S, LATEST_S = 0.002, 0.05
 """Between two looks at the process, s: short at first, so that a short one costs little."""
 ASK_S = 0.5
-"""Between two questions whether the process is to stop, s: the answer may lie on another machine."""
+"""Between two questions whether a process is to stop, s: the answer may lie on another machine."""
 QUOTED = 4000
 """Bytes of what it printed of which the end is kept."""
 SET_PARENT_DEATH_SIGNAL = 1
@@ -43,13 +44,11 @@ class Ending:
     output: str
 
 
-def run_in_subprocess(work: Callable[[], int], wants_stop: Callable[[], bool], follow_parent: bool) -> Ending:
-    """Run a function, which returns an exit code, in a process of its own.
+def run_in_subprocess(work: Callable[[], int], wants_stop: Callable[[], bool]) -> Ending:
+    """Run a function, which returns an exit code, in a process of its own, which ends when this one does.
 
-    `wants_stop` is asked from time to time; once true, the process is sent SIGTERM. With `follow_parent`, it and this
-    process end when the parent of this process does.
+    `wants_stop` is asked from time to time; once true, the process is sent SIGTERM.
     """
-    parent = _parent_of(os.getpid())
     sys.stdout.flush()
     sys.stderr.flush()
     begun = time.monotonic()
@@ -63,9 +62,6 @@ def run_in_subprocess(work: Callable[[], int], wants_stop: Callable[[], bool], f
             pid, status, usage = os.wait4(child, os.WNOHANG)
             if pid:
                 break
-            if follow_parent and os.getppid() != parent:
-                os.kill(child, signal.SIGKILL)
-                os._exit(1)
             if not asked and time.monotonic() >= next_s:
                 next_s = time.monotonic() + ASK_S
                 if wants_stop():
@@ -81,15 +77,27 @@ def run_in_subprocess(work: Callable[[], int], wants_stop: Callable[[], bool], f
 
 
 @cache
-def _parent_of(pid: int) -> int:
-    """Return the parent that this process had when it first asked: one that died since is not taken for another."""
-    return os.getppid()
+def end_with_parent(pid: int) -> None:
+    """Have this process, of this number, end when its parent does, also while it waits for a job."""
+    parent = os.getppid()
+
+    def follow() -> None:
+        while os.getppid() == parent:
+            time.sleep(ASK_S)
+        os._exit(1)
+
+    threading.Thread(target=follow, daemon=True).start()
 
 
 def _run_child(work: Callable[[], int], printed: int, parent: int) -> NoReturn:
     code = 1
     try:
-        _end_with(parent)
+        if sys.platform == "linux":  # at once, whatever this process does
+            ctypes.CDLL(None, use_errno=True).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
+        else:
+            end_with_parent(os.getpid())
+        if os.getppid() != parent:
+            os._exit(1)
         os.dup2(printed, 1)
         os.dup2(printed, 2)
         code = work()
@@ -99,11 +107,3 @@ def _run_child(work: Callable[[], int], printed: int, parent: int) -> NoReturn:
         traceback.print_exc()
     finally:
         os._exit(code)
-
-
-def _end_with(parent: int) -> None:
-    """Have the system kill this process when its parent ends, where it can."""
-    if sys.platform == "linux":
-        ctypes.CDLL(None, use_errno=True).prctl(SET_PARENT_DEATH_SIGNAL, signal.SIGKILL)
-    if os.getppid() != parent:
-        os._exit(1)
