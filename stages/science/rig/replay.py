@@ -184,12 +184,19 @@ class ReplayRig(Rig):
             samples["force_n"] = samples["force_n"].mask(samples["force_n"].between(SLACK_N, 0.0), 0.0)
             check_readings(samples, READINGS, MEASUREMENT_COLUMNS, self.units)
         keys = keys or [each for each in ("trial",) if is_wide(columns)]
-        placed = {}
+        found = []
         for values, rows in samples.groupby(keys, sort=False) if keys else [((), samples)]:
             name = ", ".join([file.name, *(f"{key} {value}" for key, value in zip(keys, values, strict=True))])
             with _about(f"{file.parent / name}"):
-                placed[name] = self._place(rows.assign(trial=" ".join(map(str, values))), muscles)
-        return self._gather(placed, file)
+                placed = self._place(rows.assign(trial=" ".join(map(str, values))), muscles)
+                recording = gather(check_values(placed), self)
+            who = str(placed["participant"].iloc[0]) if "participant" in placed else None
+            shown = recording.without_lead_in().joint_angle_rad
+            if "reference_rad" in placed:
+                first_muscle = [list(self.muscle_joints).index(joint) for joint in self.joints]
+                shown = arrange(leave_out_lead_in(placed), "reference_rad", self)[:, first_muscle]
+            found.append(Recorded(name, who, recording, shown))
+        return found
 
     def _place(self, rows: pd.DataFrame, muscles: pd.DataFrame) -> pd.DataFrame:
         """Return the rows of a trial on the exoskeleton's clock, with all that follows from them."""
@@ -207,28 +214,6 @@ class ReplayRig(Rig):
             derived = derive_velocity(placed, "joint_angle_rad", ["muscle"], *filtering)
             placed = placed.assign(joint_velocity_rad_per_s=derived)
         return complete(placed, muscles, *filtering, [])
-
-    def _gather(self, placed: dict[str, pd.DataFrame], file: Path) -> list[Recorded]:
-        """Return the recordings of trials, checked together, which is as quick as one."""
-        try:
-            checked = check_values(pd.concat(placed.values(), ignore_index=True))
-        except ValueError:
-            for name, rows in placed.items():
-                with _about(f"{file.parent / name}"):
-                    check_values(rows)
-            raise
-        first_muscle = [list(self.muscle_joints).index(joint) for joint in self.joints]
-        found, begun = [], 0
-        for name, rows in placed.items():
-            recording = gather(checked.iloc[begun : begun + len(rows)], self)
-            begun += len(rows)
-            who = str(rows["participant"].iloc[0]) if "participant" in rows else None
-            if "reference_rad" in rows:
-                shown = arrange(leave_out_lead_in(rows), "reference_rad", self)[:, first_muscle]
-            else:
-                shown = recording.without_lead_in().joint_angle_rad
-            found.append(Recorded(name, who, recording, shown))
-        return found
 
 
 def _select(frame: pd.DataFrame, columns: dict[str, str | None], kind: str) -> pd.DataFrame:
