@@ -94,6 +94,15 @@ def write_json(path: Path, mapping: Any, final: bool = False) -> None:
     write_text(path, json.dumps(mapping, indent=1, ensure_ascii=False, allow_nan=False) + "\n", final)
 
 
+def read_mapping(path: Path) -> dict[str, Any]:
+    """Return the mapping that a JSON file holds; an empty one where it is not there, or holds none."""
+    try:
+        found = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return found if isinstance(found, dict) else {}
+
+
 def read_end(handle: BinaryIO, most: int) -> str:
     """Return so many bytes at the end of a file, as text."""
     handle.seek(max(0, handle.seek(0, os.SEEK_END) - most))

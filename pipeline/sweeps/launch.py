@@ -4,16 +4,16 @@ A launch flows from the process that was typed to its workers, and is a folder b
 jobs, an outcome for each that ended, and a word that asks the others to stop. A sweep may have had many launches.
 """
 
-import json
 import os
 import re
 from collections.abc import Iterator, Mapping, Sequence
+from contextlib import suppress
 from dataclasses import asdict, dataclass
 from datetime import UTC, datetime
 from pathlib import Path
 from typing import Any, Literal
 
-from pipeline.files import hash_json, write_json, write_text
+from pipeline.files import hash_json, read_mapping, write_json, write_text
 from pipeline.flat import INCIDENTAL
 from pipeline.lease import Lease, name_process
 from pipeline.ledger import now
@@ -86,19 +86,14 @@ class Launch:
 
     def outcome(self, job: str) -> Outcome | None:
         """Return what became of a job in this launch, or None where it has not ended."""
-        try:
-            return Outcome(**json.loads(self._outcome_path(job).read_text(encoding="utf-8")))
-        except (OSError, ValueError, TypeError):
-            return None
+        with suppress(TypeError):
+            return Outcome(**read_mapping(self._outcome_path(job)))
+        return None
 
     @property
     def ended(self) -> set[str]:
         """The jobs that ended in this launch."""
-        try:
-            names = os.listdir(self.folder / OUTCOMES)
-        except OSError:
-            return set()
-        return {name.removesuffix(".json") for name in names if not name.startswith(".")}
+        return {each.stem for each in (self.folder / OUTCOMES).glob("[!.]*.json")}
 
     def forget(self, job: str) -> None:
         """Let a job be looked at again."""
@@ -111,10 +106,9 @@ class Launch:
     @property
     def stop(self) -> str | None:
         """Why no further job is to begin, or None."""
-        try:
+        with suppress(OSError):
             return (self.folder / "stop").read_text(encoding="utf-8")
-        except OSError:
-            return None
+        return None
 
     def _outcome_path(self, job: str) -> Path:
         return self.folder / OUTCOMES / f"{job}.json"
@@ -128,11 +122,8 @@ def new_launch_name() -> str:
 def list_launches(sweep: Path) -> Iterator[dict[str, Any]]:
     """Yield what was written down of each launch of a sweep, the oldest first."""
     for path in sorted((sweep / FOLDER).glob(f"*/{FACTS}")):
-        try:
-            facts = json.loads(path.read_text(encoding="utf-8"))
-        except (OSError, ValueError):
-            continue
-        jobs = facts.get("jobs") if isinstance(facts, dict) else None
+        facts = read_mapping(path)
+        jobs = facts.get("jobs")
         if isinstance(jobs, list) and all(isinstance(each, dict) and {"job", "overrides"} <= {*each} for each in jobs):
             yield facts
 

@@ -6,7 +6,6 @@ outlive their launcher, and the next launch of the same sweep waits for those th
 """
 
 import importlib.util
-import json
 import os
 import shutil
 import signal
@@ -20,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from pipeline.errors import ConfigError, PipelineError
-from pipeline.files import write_atomically, write_json
+from pipeline.files import read_mapping, write_atomically, write_json
 from pipeline.ledger import Ledger
 from pipeline.printing import format_count
 from pipeline.runs import is_running
@@ -137,7 +136,7 @@ def _find_queued(launch: Launch, jobs: Iterable[str]) -> dict[str, Task]:
     """Return which of the jobs Slurm still has from an earlier launch that was not asked to stop."""
     names = sorted(each.parent.name for each in (launch.sweep / FOLDER).glob(f"*/{RECORD}"))
     others = [each for name in names if (each := replace(launch, name=name)).stop is None]
-    submitted = {job: Task(each, name) for each in others for job, name in _read_submitted(each).items()}
+    submitted = {job: Task(each, name) for each in others for job, name in read_mapping(each.folder / RECORD).items()}
     if not submitted:
         return {}
     present = _list_queue()
@@ -149,13 +148,6 @@ def _find_queued(launch: Launch, jobs: Iterable[str]) -> dict[str, Task]:
         for job, task in submitted.items()
         if job in wanted and task.name in present and task.launch.outcome(job) is None
     }
-
-
-def _read_submitted(launch: Launch) -> dict[str, str]:
-    try:
-        return dict(json.loads((launch.folder / RECORD).read_text(encoding="utf-8")))
-    except (OSError, ValueError):
-        return {}
 
 
 def _submit(
@@ -194,7 +186,7 @@ def _submit(
         for each in pack
     }
     named = {job: task.name for job, task in tasks.items()}
-    write_json(launch.folder / RECORD, {**_read_submitted(launch), **named})
+    write_json(launch.folder / RECORD, {**read_mapping(launch.folder / RECORD), **named})
     array = next(iter(named.values())).partition("_")[0]
     say(f"  submitted {format_count(len(tasks), 'job')}; to watch them, type: squeue -j {array}")
     return tasks
