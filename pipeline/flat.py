@@ -29,13 +29,12 @@ def flatten(values: Any, path: str = "") -> dict[str, str]:
 
 
 def walk(values: Any, path: str = "") -> Iterator[tuple[str, Any]]:
-    """Yield the dotted key and the value of all that is neither a section (a mapping or a model) nor a list."""
+    """Yield dotted key and value of a section (a mapping or a model) or list and of all within, the outermost first."""
+    yield path, values
     if isinstance(values, BaseModel | Mapping | list | tuple):
         pairs = enumerate(values) if isinstance(values, list | tuple) else dict(values).items()
         for name, each in pairs:
             yield from walk(each, f"{path}.{name}" if path else str(name))
-    else:
-        yield path, values
 
 
 def is_incidental(key: str) -> bool:

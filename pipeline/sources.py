@@ -20,6 +20,7 @@ from typing import Any
 from pydantic import BaseModel
 
 from pipeline.files import hash_file
+from pipeline.flat import walk
 
 DEFINITION = re.compile(rb"^(?:class|def|async|@)", re.MULTILINE)
 
@@ -52,15 +53,12 @@ def list_imported_by_name(value: Any) -> Iterator[str]:
     Of models, these are the modules that define them and those that they name under ``imported_by_name``; of plain
     mappings, those that ``_target_`` names.
     """
-    if isinstance(value, BaseModel):
-        yield type(value).__module__
-        yield from getattr(value, "imported_by_name", ())
-        value = dict(value)
-    elif isinstance(value, Mapping) and isinstance(value.get("_target_"), str):
-        yield value["_target_"].rpartition(".")[0]
-    held = value.values() if isinstance(value, Mapping) else value if isinstance(value, list | tuple) else ()
-    for each in held:
-        yield from list_imported_by_name(each)
+    for _, each in walk(value):
+        if isinstance(each, BaseModel):
+            yield type(each).__module__
+            yield from getattr(each, "imported_by_name", ())
+        elif isinstance(each, Mapping) and isinstance(each.get("_target_"), str):
+            yield each["_target_"].rpartition(".")[0]
 
 
 @cache

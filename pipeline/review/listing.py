@@ -12,7 +12,7 @@ from rich.console import Console
 
 from pipeline.command import command_line, review_line
 from pipeline.errors import ConfigError, suggest
-from pipeline.flat import flatten
+from pipeline.flat import flatten, walk
 from pipeline.ledger import Ledger
 from pipeline.printing import add_unit, format_count, print_frame, show_percent
 from pipeline.review.kept import read_slices
@@ -107,13 +107,8 @@ def _look_up(ledgers: Iterable[Ledger], key: str) -> Any:
 def _look_up_one(ledger: Ledger, key: str) -> Any:
     if key in ledger.metrics:
         return ledger.metrics[key]["value"]
-    for record in ledger.records.values():
-        node: Any = record["config"]
-        for part in key.split("."):
-            node = node.get(part) if isinstance(node, dict) else None
-        if node is not None:
-            return node
-    return None
+    named = (value for path, value in walk(read_slices(ledger)) if path == key and value is not None)
+    return next(named, None)
 
 
 def _suggest(key: str, ledgers: Sequence[Ledger]) -> str:
