@@ -10,7 +10,7 @@ from copy import deepcopy
 from dataclasses import dataclass, replace
 from functools import reduce
 from pathlib import Path
-from typing import Any, Self
+from typing import Any
 
 from pydantic import BaseModel
 
@@ -64,12 +64,6 @@ class Ingredients:
     measured: bool
     waiting: tuple[str, ...] = ()
     extent: tuple[str, ...] = ()
-
-    @classmethod
-    def of_record(cls, record: Mapping[str, Any], extent: tuple[str, ...]) -> Self:
-        """Return what an earlier result of a stage depended on."""
-        code, libraries, measured = (record.get(name, {}) for name in ("code", "libraries", "measured"))
-        return cls(record["config"], record["inputs"], code, libraries, bool(measured), extent=extent)
 
     @property
     def fingerprint(self) -> str:
@@ -179,7 +173,9 @@ def find_parts(
         record = ledger.records.get(stage.name)
         if record is None or (anew and record["status"] == "done") or not (ledger.folder / "parts").is_dir():
             continue
-        if Ingredients.of_record(record, stage.extent).parts_fingerprint != ingredients.parts_fingerprint:
+        then = {name: record[name] for name in ("config", "inputs", "code", "libraries")}
+        earlier = replace(ingredients, **then, measured=bool(record.get("measured")))
+        if earlier.parts_fingerprint != ingredients.parts_fingerprint:
             continue
         folder = parts_folder(ledger, stage, record.get("parts", record["fingerprint"]))
         if folder.is_dir():
