@@ -17,7 +17,7 @@ import os
 import platform
 import threading
 from collections.abc import Callable
-from contextlib import suppress
+from contextlib import ExitStack, suppress
 from dataclasses import dataclass, field
 from functools import cache
 from pathlib import Path
@@ -76,14 +76,11 @@ class Lease:
         lock = self._acquire_lock()
         if lock is None:
             return False
-        try:
-            taken = self._take_next()
-        except BaseException:
-            lock.release()
-            raise
-        if not taken:
-            lock.release()
-            return False
+        with ExitStack() as held:
+            held.callback(lock.release)
+            if not self._take_next():
+                return False
+            held.pop_all()
         self._lock = lock
         self._released.clear()
         threading.Thread(target=self._renew, name="lease", daemon=True).start()
