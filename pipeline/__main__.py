@@ -144,6 +144,8 @@ def explain(error: Exception) -> str:
         return f"{name}: expected the name of a file in conf/{name}/"
     if (merged := re.search(r"Error merging override (\S+)", text)) and error.__cause__:
         return f"{merged.group(1)}: {str(error.__cause__).splitlines()[0]}"
+    if several := re.search(r"Ambiguous value for argument '([^']+)'", text):
+        return f"{several.group(1)}: several values are a sweep, which is asked for by -m"
     if twice := re.search(r"Multiple values for (\S+)\. To override", text):
         return f"{twice.group(1)}: an option is chosen already; leave out the +, as in {twice.group(1)}=..."
     if unknown := re.search(r"Could not override '([^']+)'", text):
@@ -155,7 +157,7 @@ def explain(error: Exception) -> str:
             )
         keys_are_set = any(each.lstrip("+").startswith(f"{path}={{") for each in sys.argv[1:])
         if not keys_are_set and (elsewhere := _list_workflows_with(path)):
-            return f"{path}: this workflow has no such section; these have: workflow={', '.join(elsewhere)}"
+            return f"{path}: this workflow has none; these have: workflow={', '.join(elsewhere)}"
         known = _known_keys(path)
         if path.split(".")[-1] in known:
             return f"{path}: a key that is set in it is not there yet; add it as +{path}.KEY=..."
@@ -188,11 +190,11 @@ def _explain_unknown(path: str, known: Mapping[str, object]) -> str:
     return f"{told}; it is a key of {parts[0]}={' or '.join(others)}" if others and "did you mean" not in told else told
 
 
-def _list_workflows_with(group: str) -> list[str]:
-    """Return the workflows that choose an option of a group."""
-    files = sorted((CONFIG_FOLDER / "workflow").glob("*.yaml"))
-    chosen = {each.stem: OmegaConf.select(OmegaConf.load(each), "defaults", default=[]) for each in files}
-    return [name for name, entries in chosen.items() if any(f"/{group}" in each for each in entries)]
+def _list_workflows_with(name: str) -> list[str]:
+    """Return the workflows that choose an option of a group, or have a key, of that name."""
+    files = {each.stem: OmegaConf.load(each) for each in sorted((CONFIG_FOLDER / "workflow").glob("*.yaml"))}
+    chosen = {stem: OmegaConf.select(each, "defaults", default=[]) for stem, each in files.items()}
+    return [stem for stem in files if name in files[stem] or any(f"/{name}" in each for each in chosen[stem])]
 
 
 def list_groups(arguments: list[str]) -> list[str]:

@@ -375,6 +375,8 @@ def _remedy(problem: Any, path: str, in_list: bool) -> str:
         return suggest(str(problem["input"]), re.findall(r"'([^']*)'", context["expected"]) or [context["expected"]])
     if in_list:
         return "change it in conf/"
+    if problem["type"] == "string_type" and isinstance(problem["input"], int | float):
+        return f"quote it twice, as in \"{path}='{problem['input']}'\""
     example = context.get("ge", {"bool_type": "true", "list_type": "[...]"}.get(problem["type"], "..."))
     return f"set {path}={example}"
 

@@ -273,7 +273,7 @@ def find_samples(path: InputPath) -> Path:
     if not is_folder(path):
         return Path(path)
     if not (Path(path) / SAMPLES).is_file():
-        names = [each.name for each in path.files]
+        names = sorted((each.name for each in path.files), key=lambda each: each == META)
         told = ", ".join(names[:5] + ["..."] * (len(names) > 5)) or "none"
         remedy = (
             f"name one file, as measured={quote(str(Path(path) / names[0]))}; {TOGETHER}" if names else "name a file"

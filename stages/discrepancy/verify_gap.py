@@ -216,9 +216,8 @@ def verify_gap(
         *report_text.describe_fallen_floor(own, floor, settings.search.clear_ratio),
         *report_text.describe_forgotten(dataset.outputs[0], dataset.plant, report.most_forgotten),
     ]
-    command = describe_command(
-        status == "named", bool(maps), tables.measured_session.iloc[0], cfg.exoskeleton.load_cell_site
-    )
+    simulated_at, written = cfg.exoskeleton.load_cell_site, settings.write_effect is not None
+    command = describe_command(status == "named", bool(maps), tables.measured_session.iloc[0], simulated_at, written)
     return {
         VERIFICATION.name: verification,
         PREDICTIONS.name: predictions[list(PREDICTIONS.columns)],
@@ -268,13 +267,17 @@ def summarise_gap(driven: pd.DataFrame, last: int, judged: Sequence[Verified]) -
     }
 
 
-def describe_command(named: bool, mapped: bool, session: pd.Series, simulated_at: str) -> str:
-    """Return how to simulate with the plant as amended by names, by learned maps, or by fitted constants alone."""
+def describe_command(named: bool, mapped: bool, session: pd.Series, simulated_at: str, written: bool) -> str:
+    """Return how to simulate with the plant as amended by names, by learned maps, or by fitted constants alone.
+
+    An effect that was `written` is not written again.
+    """
     learned = "fitted constants and learned maps" if mapped else "constants as fitted here"
     which = "amended plant" if named else f"plant with {learned}"
     told = f"Simulate with the {which}: "
     if session["kind"] == "records":
-        return f"{told}python -m pipeline ARGUMENTS plant=FOLDER/documents/amended.yaml"
+        once = " discrepancy.write_effect=null" if written else ""
+        return f"{told}python -m pipeline ARGUMENTS plant=FOLDER/documents/amended.yaml{once}"
     site = str(session["load_cell_site"])
     elsewhere = "" if site in ("unknown", simulated_at) else f" exoskeleton.load_cell_site={site}"
     return f"{told}python -m pipeline plant=FOLDER/documents/amended.yaml{elsewhere}"

@@ -70,7 +70,8 @@ def test_a_law_without_a_name_is_learned_and_the_amended_plant_simulates_with_it
     assert "is mended by a learned map, of input: on trials not fitted the gap there goes from" in said
     effect, _ = load((run / "documents" / "my_bend.py").read_text())
     assert (effect.name, effect.site) == ("my_bend", "element")
-    assert "is an effect now: type cp RUN/documents/my_bend.py stages/science/effects/" in said
+    assert f"is an effect now: type cp '{run}/documents/my_bend.py' stages/science/effects/" in said
+    assert "documents/amended.yaml discrepancy.write_effect=null" in said
     amended = run / "documents" / "amended.yaml"
     (kept,) = yaml.safe_load(amended.read_text())["learned"]
     assert kept["inputs"][0]["low"] < -1.0 < 1.0 < kept["inputs"][0]["high"]

@@ -50,6 +50,8 @@ from tests.pipeline.conftest import CONFIG, refusal, success
         (["workflow.package=os"], "workflow.package: expected the dotted name of a Python package, got 'os'"),
         (["outputs="], "outputs: string should have at least 1 character, got ''"),
         (["counting=3"], "counting: expected the name of a file in conf/counting/"),
+        (["seed=1,2"], "seed=1,2: several values are a sweep, which is asked for by -m"),
+        (["outputs=2026"], "got 2026; quote it twice, as in \"outputs='2026'\""),
         (["seed==1"], "'seed==1' is no override: expected key=value"),
         (["outputs=~/x"], "needs quotes: quote its value twice"),
         (["--foo"], "unrecognized arguments: --foo; python -m pipeline --hydra-help shows the options"),
@@ -74,7 +76,9 @@ def test_refuses_before_anything_is_written(toy, arguments, told):
 
 def test_a_section_of_other_workflows_is_told_with_those(pamid):
     told = refusal(pamid, "workflow=discrepancy", "task=movements", "next_trials=3", "plan=true")
-    assert "task: this workflow has no such section; these have: workflow=identification, identification_with" in told
+    assert "task: this workflow has none; these have: workflow=identification, identification_with" in told
+    told = refusal(pamid, "measured=run.csv", "plan=true")
+    assert "measured: this workflow has none; these have: workflow=discrepancy, identification_with_naming" in told
 
 
 def test_a_key_of_another_option_is_told_with_that_option(pamid):

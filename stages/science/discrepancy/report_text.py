@@ -445,8 +445,8 @@ def describe_maps(maps: Sequence[Mapping[str, Any]], significance: float) -> lis
 def describe_own_effect(own: pd.DataFrame) -> list[str]:
     """Return what became of an effect that was to be written, by the table `own_effect`, and what to type next."""
     return [
-        f"The formula {row['told']} is an effect now: type cp RUN/{row['file']} stages/science/effects/ with this "
-        f"run's folder, and the next run, without discrepancy.write_effect, ranks {row['name']}."
+        f"The formula {row['told']} is an effect now: type cp 'FOLDER/{row['file']}' stages/science/effects/ and the "
+        f"next run, without discrepancy.write_effect, ranks {row['name']}."
         if row["file"]
         else f"No effect {row['name']} was written: {row['told']}."
         for row in own.to_dict("records")

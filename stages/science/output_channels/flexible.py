@@ -61,8 +61,9 @@ class Drift:
     unit: str
     first: float
     last: float
+    without: Array
     left: Array
-    """Sums of squares that the drift leaves of each trial, left out in turn, (K,), in the channel's unit squared."""
+    """Sums of squares that values, fitted anew, leave of each trial left out, (K,), without the drift and with it."""
 
 
 def keep_least(left: Sequence[tuple[str, Array]], output: OutputChannel, learnt: Mask | None = None) -> Leftover:
@@ -136,10 +137,10 @@ def find_drift(fit: Fit) -> Drift:
     """Return the value of a model whose drift along the session predicts trials left out best."""
     drifting, present = build_drift(fit, fit.model.output.start_s), fit.model.output.present
     session_s = (np.arange(len(present))[:, None] * fit.model.output.step_s + fit.model.output.start_s)[present]
-    lefts = [
-        (explain_by_features(fit, drifting[:, :, [place]], None) ** 2).sum(axis=0)
-        for place in range(fit.slopes.shape[2])
-    ]
+    without, *lefts = (
+        (explain_by_features(fit, drifting[:, :, places], None) ** 2).sum(axis=0)
+        for places in ([], *([place] for place in range(fit.slopes.shape[2])))
+    )
     best = int(np.argmin([each.sum() for each in lefts]))
     columns = np.concatenate([fit.slopes, drifting[:, :, [best]]], axis=2)[present]
     change = np.linalg.lstsq(columns, fit.residual[present], rcond=None)[0]
@@ -147,7 +148,7 @@ def find_drift(fit: Fit) -> Drift:
     first, last = fit.values[best] + change[best] + change[-1] * ends
     parameter = fit.model.parameters[best]
     unit = fit.model.output.unit if parameter.unit == "unit of the output" else parameter.unit
-    return Drift(parameter.name, unit, float(first), float(last), lefts[best])
+    return Drift(parameter.name, unit, float(first), float(last), without, lefts[best])
 
 
 def explain_by_features(fit: Fit, features: Array, noise: Noise | None, learnt: Mask | None = None) -> Array:

@@ -166,14 +166,23 @@ class ElementPlant(RecordPlant):
         """Return the answer, (T, R); see `RecordPlant.simulate`."""
         placed = self.place(effects)
         if not placed:
-            return self.answer(signals, constants)
+            return self._answer_checked(signals, constants)
         scale, bench = self.know("output_scale"), self.set_up(signals, step_s, start_s)
         acting = self._move_in_time(signals, bench, placed)
         bench = bench if acting is signals else self.set_up(acting, step_s, start_s)
-        answer = self.answer(acting, constants) / scale
+        answer = self._answer_checked(acting, constants) / scale
         for effect, values in (*_select(placed, "answer"), *_select(placed, "reading")):
             answer = effect.apply(answer, bench, values)
         return answer * scale
+
+    def _answer_checked(self, signals: Signals, constants: Values) -> Array:
+        answer, expected = self.answer(signals, constants), signals[self.along].shape
+        if np.shape(answer) != expected:
+            raise ValueError(
+                f"{type(self).__name__}.answer: expected an array of the signals' shape (T, R), {expected}, got "
+                f"{np.shape(answer)}"
+            )
+        return answer
 
     def _move_in_time(self, signals: Signals, bench: Bench, placed: Sequence[Placed]) -> Signals:
         """Return the signals that act: what drives the element first, then how it is moved, as effects change them."""

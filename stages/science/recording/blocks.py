@@ -52,7 +52,7 @@ def begins_anew(frame: pd.DataFrame) -> NDArray[np.bool_]:
     time = frame["time_s"].to_numpy(dtype=float)
     steps = np.diff(time, prepend=time[0])
     usual = float(np.nanmedian(steps[1:]))
-    back = (steps < 0.0) & (time - time[0] <= AT_START * abs(usual))
+    back = (steps < 0.0) & (time - time[0] <= AT_START * usual)
     return np.asarray(back | ((steps > len(time) * usual) & (usual > 0.0)))
 
 

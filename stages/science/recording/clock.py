@@ -68,7 +68,8 @@ def find_rate(frame: pd.DataFrame, stream: Sequence[str], stated_hz: float | Non
         )
     usual = float(steps.median())
     if usual <= 0.0:
-        raise RecordingError("column time_s: expected time that goes on, got the same time again and again")
+        told = "the same time again and again" if usual == 0.0 else "time that goes back; sort the rows by it"
+        raise RecordingError(f"column time_s: expected time that goes on, got {told}")
     step_s = float(steps[(steps / usual - 1.0).abs() < 0.5].mean())  # a rounded clock is right on average
     if stated_hz is None:
         return float(f"{1.0 / step_s:.9g}")

@@ -26,14 +26,25 @@ def list_labels(columns: Mapping[str, pd.Series], time: str | None) -> list[str]
     They are numbers or text, each of them in rows that follow each other, and change wherever time goes back
     or, if it never does, goes on behind a pause; those that are not whole change nowhere else.
     The number of an array of structs, which has the array's name, is one whatever time does.
+    A text is also one where rows of records take turns: with it no time comes twice, and without it most do.
     """
     arrays = [name for name in columns if any(FIELD.fullmatch(each.removeprefix(name)) for each in columns)]
-    back = set() if time is None else _find_restarts(columns[time])
-    if time is None or not back:
+    if time is None:
+        return arrays
+    if columns[time].is_monotonic_increasing and columns[time].duplicated(keep=False).mean() > 0.5:
+        return arrays + [name for name in columns if name != time and _takes_turns(columns[name], columns[time])]
+    back = _find_restarts(columns[time])
+    if not back:
         return arrays
     others = {name: values for name, values in columns.items() if name not in (time, *arrays)}
     size = len(columns[time])
     return arrays + [name for name, values in others.items() if len(values) == size and _labels(values, back)]
+
+
+def _takes_turns(values: pd.Series, time: pd.Series) -> bool:
+    """Return whether a text tells apart the rows of one time."""
+    text = len(values) == len(time) and values.dtype.kind not in "fiubmM" and not values.isna().any()
+    return text and not is_dates(values) and not pd.DataFrame({"its": values, "at": time}).duplicated().any()
 
 
 def stays(values: pd.Series) -> bool:

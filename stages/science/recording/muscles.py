@@ -11,6 +11,7 @@ import numpy as np
 import pandas as pd
 from pydantic import BaseModel, ConfigDict, Field, PositiveFloat, ValidationError, model_validator
 
+from stages.science.plant.declaration import nearest
 from stages.science.plant.exoskeleton import Exoskeleton
 from stages.science.recording.columns import RecordingError
 from stages.science.signals.columns import Column, column
@@ -33,6 +34,10 @@ MUSCLE_COLUMNS: dict[str, Column] = {
 """What every table of a recorded machine holds of each muscle."""
 
 
+LONGEST_M, WIDEST_M = 10.0, 1.0
+"""Above which a muscle's length, and its diameter or the radius of a pulley, are in another unit."""
+
+
 class MetaSection(BaseModel):
     """A section of meta.json; other keys in it are ignored."""
 
@@ -45,15 +50,17 @@ class MuscleMeta(MetaSection):
     joint: str
     role: Literal["agonist", "antagonist"]
     type: str
-    rest_length_m: PositiveFloat
-    nominal_diameter_m: PositiveFloat
-    moment_arm_m: PositiveFloat
+    rest_length_m: float = Field(gt=0.0, le=LONGEST_M)
+    nominal_diameter_m: float = Field(gt=0.0, le=WIDEST_M)
+    moment_arm_m: float = Field(gt=0.0, le=WIDEST_M)
     contraction_at_angle_0: float = Field(gt=-0.5, lt=0.5)
     sign: Literal[-1, 1]
 
 
 class Nominal(MetaSection):
-    """Starting values, for all muscles or by muscle."""
+    """Starting values, for all muscles or by muscle; a key in it that is none of these is a mistake."""
+
+    model_config = ConfigDict(extra="forbid")
 
     valve_tau_s: PositiveFloat | dict[str, PositiveFloat] | None = None
     braid_angle_deg: PositiveFloat | dict[str, PositiveFloat] | None = None
@@ -82,7 +89,11 @@ class Session(MetaSection):
     nominal: Nominal = Nominal()
 
     @model_validator(mode="after")
-    def _order_starts(self) -> Self:
+    def _check_names_and_order(self) -> Self:
+        for name, told in vars(self.nominal).items():
+            other = [each for each in told if each not in self.muscles] if isinstance(told, dict) else []
+            if other:
+                raise ValueError(f"nominal.{name}: no muscle '{other[0]}'; {nearest(other[0], self.muscles)}")
         told = [each for each in self.trial_start_s or [] if each is not None]
         if any(later <= earlier for earlier, later in pairwise(told)):
             raise ValueError("trial_start_s: expected each trial to start after the one before")
@@ -121,6 +132,8 @@ def read_session(meta: Any) -> Session:
         key = ".".join(str(part) for part in first["loc"])
         if first["type"] == "missing":
             raise RecordingError(f"lacks {key}") from None
+        if first["type"] == "extra_forbidden":
+            raise RecordingError(f"{key}: {nearest(key.rpartition('.')[2], NOMINAL)}") from None
         text = first["msg"].removeprefix("Value error, ")
         prefix = f"{key}: " if key else ""
         value = "" if first["type"] == "value_error" else f", got {str(first['input'])[:40]!r}"

@@ -71,6 +71,18 @@ def test_a_sensor_reads_what_all_other_effects_have_made_of_the_answer(listed):
     np.testing.assert_allclose(found, follow(slid, 0.2 * pace_s), atol=0.01 * scale)
 
 
+@pytest.mark.parametrize("effects", [[], [("coulomb_friction", "element", {"share": 0.1, "sliding": 0.1})]])
+@pytest.mark.parametrize(("change", "shape"), [(lambda each: each[:1], "1, 1"), (np.transpose, "1, ")])
+def test_an_answer_of_another_shape_than_the_signals_is_refused(change, shape, effects):
+    class Other(type(settle("cylinder"))):
+        def answer(self, signals, constants):
+            return change(super().answer(signals, constants))
+
+    other = Other.model_validate(settle("cylinder").model_dump())
+    with pytest.raises(ValueError, match=rf"Other\.answer: expected an array of the signals' shape .* got \({shape}"):
+        simulate(other, SIGNALS, LAWS["cylinder"][0] | {"offset": 0.0}, effects)
+
+
 def test_products_of_a_signal_that_there_is_not_are_left_out():
     isometric = read_plant("muscle", **NAMED["muscle"] | {"length": None})
     assert (isometric.inputs, set(isometric.nominal)) == (("p_kpa",), {"pull", "offset"})

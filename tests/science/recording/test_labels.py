@@ -36,3 +36,11 @@ def test_what_stays_and_changes_with_time_is_a_label(values, labels):
 def test_without_a_time_that_begins_anew_nothing_is_a_label():
     columns = {"t": pd.Series(np.arange(ROWS * RECORDS) * 0.1), "column": pd.Series(PART)}
     assert list_labels(columns, "t") == list_labels(columns, None) == []
+
+
+def test_a_text_tells_apart_records_whose_rows_take_turns():
+    times = pd.Series(np.repeat(np.arange(200) * 0.01, 2))
+    turns, other = (pd.Series(np.array(["a", "b"])[np.arange(400) // every % 2]) for every in (1, 2))
+    assert list_labels({"t": times, "x": np.sin(times), "turns": turns}, "t") == ["turns"]
+    assert list_labels({"t": times, "x": np.sin(times), "other": other}, "t") == []  # with it times come twice too
+    assert list_labels({"t": pd.Series(np.arange(400) * 0.01), "turns": turns}, "t") == []

@@ -123,6 +123,8 @@ def read_delimited(path: Path) -> tuple[pd.DataFrame, Header]:
             f"expected rows of numbers, got {next(filter(str.strip, lines), '').strip()[:SHOWN]!r} and the like"
         )
     kept = _find_rows(columns)
+    if _counts_columns(fields.iloc[kept[: LOOKED + 1]]):
+        kept = kept[1:]
     rows, first, last = places[kept], int(places[kept][0]), int(places[kept][-1])
     if len(rows) < 2:
         raise ValueError("expected two rows of numbers or more, got one")
@@ -310,6 +312,13 @@ def _find_rows(columns: Sequence[_Column]) -> NDArray[np.int_]:
     rows = np.flatnonzero(good[0] & values.any(axis=0) & (good.mean(axis=0) >= 0.5))
     first = columns[0].missing[rows]
     return rows[first] if not columns[0].told and first.mean() > 0.5 else rows  # what it holds heads a row
+
+
+def _counts_columns(rows: pd.DataFrame) -> bool:
+    """Return whether the first row numbers the columns, from 0 or 1 on: the only one of whole numbers alone."""
+    whole = rows.apply(lambda column: column.str.fullmatch(r"\d+")).all(axis=1).to_numpy()
+    told = [list(map(str, range(first, first + rows.shape[1]))) for first in (0, 1)]
+    return rows.shape[1] > 1 and len(rows) > 1 and not whole[1:].any() and rows.iloc[0].tolist() in told
 
 
 def _settle(column: _Column, fields: pd.Series) -> pd.Series:
