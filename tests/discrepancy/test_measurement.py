@@ -247,6 +247,15 @@ def without(muscle, key):
         ),
         (make_meta(load_cell_site="tip"), "load_cell_site: input should be 'muscle_tip', 'joint_end'"),
         (make_meta(sampling_rate_hz=100.0), "expected steps of 0.01 s (100 Hz are stated), got 0.004 s; correct"),
+        (
+            make_meta(muscles={"pam1": {**make_meta()["muscles"]["pam1"], "rest_length_m": 320.0}}),
+            "muscles.pam1.rest_length_m: input should be less than or equal to 10, got '320.0'",
+        ),
+        (make_meta(nominal={"braid_angel_deg": 20.0}), "nominal.braid_angel_deg: did you mean 'braid_angle_deg'?"),
+        (
+            make_meta(nominal={"damping_n_s": {"pam9": 20.0}}),
+            "nominal.damping_n_s: no muscle 'pam9'; did you mean 'pam",
+        ),
         (make_meta(trial_start_s=[0.0, 5.0]), "trial_start_s: expected one for each of 3 trials, got 2"),
         (make_meta(trial_start_s=[0.0, 5.0, 4.0]), "trial_start_s: expected each trial to start after the one before"),
     ],

@@ -91,9 +91,9 @@ class Session(MetaSection):
     @model_validator(mode="after")
     def _check_names_and_order(self) -> Self:
         for name, told in vars(self.nominal).items():
-            other = [each for each in told if each not in self.muscles] if isinstance(told, dict) else []
-            if other:
-                raise ValueError(f"nominal.{name}: no muscle '{other[0]}'; {nearest(other[0], self.muscles)}")
+            if isinstance(told, dict) and told and not {*told} & {*self.muscles}:
+                first = next(iter(told))
+                raise ValueError(f"nominal.{name}: no muscle '{first}'; {nearest(first, self.muscles)}")
         told = [each for each in self.trial_start_s or [] if each is not None]
         if any(later <= earlier for earlier, later in pairwise(told)):
             raise ValueError("trial_start_s: expected each trial to start after the one before")

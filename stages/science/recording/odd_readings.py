@@ -1,4 +1,4 @@
-"""Readings that no sensor makes by itself: repeated at even intervals, stuck at one value, or far from those around.
+"""Readings that no sensor makes by itself: repeated evenly, stuck at one value, far from those around, in another unit.
 
 Records flow in; notes for people flow out. No sample is changed.
 """
@@ -21,14 +21,24 @@ APART, AROUND = 15.0, 5
 apart."""
 LEAST_SHARE = 0.01
 """Share of the range by which it is off at least."""
+OTHER_SCALE = 100.0
+"""How many times the range of a signal in one record is that in others, or less, that may be of another unit."""
 TO_DEVIATION = 1.4826
 """Standard deviation of a normal variable over its median absolute deviation."""
 
 
 def note_odd_readings(frame: pd.DataFrame, signals: Sequence[str]) -> Notes:
     """Return what is odd in the signals of records, by signal: rows of ``record``, ``time_s`` and the signals."""
-    notes: Notes = []
-    several = len(frame["record"].unique()) > 1
+    records = frame.groupby("record", sort=False)[list(signals)]
+    ratios = (records.max() - records.min()).replace(0.0, np.nan)
+    ratios /= ratios.median()
+    notes: Notes = [
+        (signal, f"range in record {record} {ratio:.2g} times that in most: is it in another unit?")
+        for signal in signals
+        for record, ratio in ratios[signal].dropna().items()
+        if not 1.0 / OTHER_SCALE < ratio < OTHER_SCALE
+    ]
+    several = len(ratios) > 1
     for record, rows in frame.groupby("record", sort=False):
         where = f" of record {record}" if several else ""
         time_s = rows["time_s"].to_numpy(dtype=float)

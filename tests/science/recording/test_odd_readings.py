@@ -52,3 +52,15 @@ def test_single_readings_far_from_those_around_are_found_where_they_are(generato
     (told,) = note(time_s, values, ["a"] * 2000 + ["b"] * 2000)[:1]
     assert "far from those around, by up to " in told[1]
     assert told[1].endswith(("of record a", "of record b"))
+
+
+@pytest.mark.parametrize(("factor", "noted"), [(1e-3, True), (1e3, True), (0.05, False)])
+def test_a_record_in_another_unit_is_told(generator, factor, noted):
+    time_s, values = make_signal(generator, 1000)
+    frames = [
+        pd.DataFrame({"record": name, "time_s": time_s, "force_n": values * (factor if name == "c" else 1.0)})
+        for name in "abcd"
+    ]
+    told = note_odd_readings(pd.concat(frames), ["force_n"])
+    wanted = [("force_n", f"range in record c {factor:.2g} times that in most: is it in another unit?")]
+    assert told == (wanted if noted else [])
