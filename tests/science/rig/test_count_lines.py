@@ -37,6 +37,11 @@ def test_a_line_is_the_inverse_of_what_the_channel_does(generator):
     assert np.isnan(fit([0.0, 100.0], [0.0, 1000.0]).repeatability)
 
 
+def test_a_point_that_was_taken_again_for_another_channel_is_not_used():
+    again, once = fit([0.0, np.nan, 100.0], [0.0, 700.0, 1000.0]), fit([0.0, 100.0], [0.0, 1000.0])
+    assert (again.status, again.points, again.per_count) == ("calibrated", 2, once.per_count)
+
+
 @pytest.mark.parametrize(
     ("known", "count", "problems", "told"),
     [

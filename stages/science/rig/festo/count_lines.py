@@ -97,7 +97,7 @@ def fit_line(
     """
     kind = split_name(channel)[1]
     unit, tolerance = UNITS[kind], settings.residual.of(kind)
-    used = points[points["problem"] == ""]
+    used = points[(points["problem"] == "") & points["known"].notna()]  # a point taken again has no known value
     value, counts = used["known"].to_numpy(), used["count"].to_numpy()
     swapped = f"; {' and '.join(followers)} follows them: are cables swapped?" if followers else ""
     if len(np.unique(value)) < 2:
