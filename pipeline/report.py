@@ -130,7 +130,8 @@ def _shorten(table: Table, frame: pd.DataFrame) -> tuple[pd.DataFrame, str]:
 def _list_sentences(ledger: Ledger, headline: Sequence[Table], role: str) -> list[str]:
     """Return what tables of a role say, with commands as they can be typed after this run."""
     frames = [_read(ledger, each) for each in headline if each.role == role]
-    typed, folder = str(ledger.facts["command"]), str(ledger.folder)
+    facts, folder = ledger.facts, str(ledger.folder)
+    typed = str(facts.get("rerun_of", facts).get("command", facts["command"]))
     return [complete(each, typed, folder) for frame in frames for each in list_sentences(frame)]
 
 

@@ -120,7 +120,9 @@ class Rerun(Runner):
         tables = _compare_tables(ledger, self.origin, made)
         changes = list(_describe_changes(ledger, self.origin, made))
         self.comparison = {"tables": tables, "measured": measured, "changes": changes}
-        ledger.facts["rerun_of"] = {"run": self.origin.name, "folder": str(self.origin.folder)}
+        facts = self.origin.facts
+        command = facts.get("rerun_of", facts).get("command", facts["command"])  # by which sentences go on
+        ledger.facts["rerun_of"] = {"run": self.origin.name, "folder": str(self.origin.folder), "command": command}
         ledger.facts["comparison"] = self.comparison
 
     def _was_measured(self, stage: Stage, ingredients: Ingredients) -> bool:

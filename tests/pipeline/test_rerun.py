@@ -35,7 +35,8 @@ def test_a_run_is_made_again_whole_and_agrees(toy, rerun):
     assert tables_of(second) == tables_of(first)
     facts = ledger_of(second)
     assert {each["origin"] for each in facts["stages"].values()} == {second.name}
-    assert facts["rerun_of"] == {"run": first.name, "folder": str(first)}
+    command = ledger_of(first)["command"]
+    assert facts["rerun_of"] == {"run": first.name, "folder": str(first), "command": command}
     assert facts["comparison"]["tables"] == dict.fromkeys(("numbers", "doubles", "halves", "total"))
     inodes = [{path.stat().st_ino for path in run.glob("tables/*")} for run in toy.runs]
     assert not inodes[0] & inodes[1]
