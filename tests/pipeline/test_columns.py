@@ -49,6 +49,13 @@ def test_days_of_a_spreadsheet_are_times(look, heading, rate_hz):
     assert "units.time_s=d" not in arguments(look({heading: 300.0 + time, "Drive (V)": drive, "Way (mm)": way}))
 
 
+@pytest.mark.parametrize(("heading", "step", "asked"), [("t", 10, True), ("t_s", 10, False), ("t", 0.01, False)])
+def test_the_unit_of_times_that_are_counted_is_asked_for(look, heading, step, asked):
+    _, drive, way = make_run()
+    lines = look({heading: step * np.arange(200), "Drive (V)": drive, "Way (mm)": way})
+    assert any("the unit of t, in steps of 10: s is assumed; type units.time_s=ms" in each for each in lines) == asked
+
+
 def test_it_tells_type_range_gaps_unit_and_use_of_every_column(look, tmp_path):
     time, force, way = make_run()
     way[50:60] = np.nan

@@ -81,6 +81,11 @@ def describe(
         *("", *_describe_columns(columns, header.units, guess)),
         *("", *_describe_clock(columns, guess, largest_jitter)),
     ]
+    time = guess.columns.get(TIME, "")
+    counted = time in columns and columns[time].dtype.kind in "iu" and TIME not in guess.units
+    if counted and read_heading(time, header.units.get(time, "")).unit is None:
+        step = float(columns[time].diff().median())
+        unknown.append(f"the unit of {time}, in steps of {step:g}: s is assumed; type units.time_s=ms if it is ms")
     unknown += _describe_unknown(guess, machines)
     return lines + (["", "not told by the file:", *(f"  {each}" for each in unknown)] if unknown else []), guess
 
