@@ -208,7 +208,11 @@ def list_forms(name: str) -> tuple[Effect, ...]:
     known = list_effects()
     if name not in known:
         raise ValueError(f"unknown effect '{name}': {nearest(name, known)}")
-    module = importlib.import_module(name_module(name))
+    try:
+        module = importlib.import_module(name_module(name))
+    except Exception as error:
+        file = f"{name_module(name).replace('.', '/')}.py"
+        raise ValueError(f"effect {name}: {file} cannot be loaded: {type(error).__name__}: {error}") from error
     forms: tuple[Effect, ...] | None = getattr(module, "FORMS", None)
     if forms is None:
         if not hasattr(module, "EFFECT"):

@@ -290,11 +290,12 @@ class RecordPlant(Declared):
             return settled
         signals = {name: np.concatenate([each[name] for each in records]) for name in (*self.inputs, self.output)}
         guessed = settled.guess(signals)
-        untold = [name for name in left if name not in guessed]
-        if untold:
+        wrong = [name for name in left if not _is_guess(*guessed.get(name, ()))]
+        if wrong:
             raise ValueError(
-                f"{type(self).__name__}.guess: expected (start, low, high, sd) of {', '.join(untold)}, got none; tell "
-                f"them there, or as plant.constants.{untold[0]}={{unit: ..., start: ..., low: ..., high: ..., sd: ...}}"
+                f"{type(self).__name__}.guess: expected (start, low, high, sd) of {', '.join(wrong)}, low < high and "
+                f"sd > 0, got {guessed.get(wrong[0], 'none')}; tell them there, or as "
+                f"plant.constants.{wrong[0]}={{unit: ..., start: ..., low: ..., high: ..., sd: ...}}"
             )
         return settled.fill_in(guessed)
 
@@ -396,6 +397,10 @@ class RecordPlant(Declared):
     def place(self, effects: Sequence[Placed] = ()) -> list[Placed]:
         """Return the effects listed, and more."""
         return [*((entry.effect, entry.parameters) for entry in self.effects), *effects]
+
+
+def _is_guess(*told: float) -> bool:
+    return len(told) == 4 and told[1] < told[2] and told[3] > 0.0
 
 
 def collect(kind: Callable[..., Terms], site: str, effects: Iterable[tuple[Effect, Values]]) -> Terms:

@@ -100,6 +100,14 @@ def test_a_fault_in_an_effect_of_ones_own_is_told_when_it_is_loaded(effect, told
         list_forms.__wrapped__("made_up")
 
 
+def test_an_effect_that_cannot_be_loaded_is_told_with_its_file(monkeypatch):
+    monkeypatch.setattr("stages.science.plant.effect.list_effects", lambda: ("made_up",))
+    with pytest.raises(
+        ValueError, match=r"^effect made_up: .*/effects/made_up\.py cannot be loaded: ModuleNotFoundError"
+    ):
+        list_forms.__wrapped__("made_up")
+
+
 @every_form
 def test_the_effect_fades_with_its_magnitude_and_zero_is_the_textbook_to_the_bit(effect, generator):
     signals = rough(generator)

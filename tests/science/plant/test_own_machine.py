@@ -70,9 +70,14 @@ def test_what_is_not_told_is_named(monkeypatch):
     monkeypatch.setattr(Lever, "watch", lambda plant, signals, *_: [Watched("way", signals["in_m"], False)])
     with pytest.raises(ValueError, match=r"Lever.watch: expected a state.*and a rate.*got way \(rate=False\)"):
         build(read_lever()).drivers()
+    expected = r"Lever.guess: expected \(start, low, high, sd\) of ratio, low < high and sd > 0, got "
     monkeypatch.setattr(Lever, "guess", RecordPlant.guess)
-    with pytest.raises(ValueError, match=r"Lever.guess: expected \(start, low, high, sd\) of ratio, got none"):
+    with pytest.raises(ValueError, match=f"{expected}none"):
         build(read_lever())
+    for wrong in ((1.0, 0.0, 9.0), (1.0, 9.0, 0.0, 1.0)):
+        monkeypatch.setattr(Lever, "guess", lambda *_, wrong=wrong: {"ratio": wrong})
+        with pytest.raises(ValueError, match=expected):
+            build(read_lever())
 
 
 @pytest.mark.parametrize(
