@@ -211,6 +211,7 @@ def test_a_clock_that_runs_through_the_session_tells_when_trials_start(tmp_path)
         (lambda samples: pd.concat([samples, samples.head(2)]), "column time_s: rows 600, 601 repeat"),
         (lambda samples: samples.iloc[::-1], "column time_s: time goes back in rows 2, 3, 4 and"),
         (put("force_n", [0], 1e6), "expected -2000 to 20000 N, got 1e+06 in row 0; remove what is no"),
+        (put("force_n", range(20), 1e6), "or leave it empty; if its column is another's, set columns.force_n=COLUMN"),
         (scale("pressure_kpa", 1000.0), "in rows 0, 1, 2 and 597 more; set units.pressure_kpa=Pa"),
         (scale("pressure_kpa", 0.01), "set units.pressure_kpa=bar, or units.pressure_kpa=kPa if they are right"),
         (scale("force_n", 0.001), "set units.force_n=kN"),

@@ -27,8 +27,8 @@ MOST_PULL = 25.0
 """Force over pressure times area: 3/tan^2 - 1/sin^2 of an angle of 17 degrees is 23."""
 MOST_HZ, SHORTEST_S = 5e6, 1e-3
 """Samples in a second and length of a recording beyond which its times are more likely in another unit."""
-FEW = 0.1
-"""Share of the rows below which those out of range are faults, not another unit."""
+FEW, SEVERAL = 0.1, 10
+"""Share of rows below which those out of range are faults, not another unit; rows that may be of another column."""
 
 
 def check_readings(
@@ -143,6 +143,8 @@ def _offer(values: pd.Series, name: str, low: float, high: float, unit: str | No
     inside = values.between(low, high) | values.isna()
     mostly_right = inside.mean() > 1.0 - FEW and values.abs().quantile(0.95) >= LARGE_ENOUGH.get(name, 0.0)
     if mostly_right or not fitting:
-        return "remove what is no measurement, or leave it empty"
+        several = (~inside).sum() >= SEVERAL
+        other = f"; if its column is another's, set columns.{name}=COLUMN" if several else ""
+        return f"remove what is no measurement, or leave it empty{other}"
     nearest = min(fitting, key=lambda each: abs(np.log(fitting[each] / USUAL.get(name, 1.0))))
     return f"set units.{name}={nearest}"
