@@ -157,6 +157,10 @@ def explain(error: Exception) -> str:
             )
         keys_are_set = any(each.lstrip("+").startswith(f"{path}={{") for each in sys.argv[1:])
         if not keys_are_set and (elsewhere := _list_workflows_with(path)):
+            for each in sys.argv[1:]:
+                chosen = CONFIG_FOLDER / f"{each.replace('=', '/')}.yaml"
+                if chosen.is_file() and f"override /{path}:" in chosen.read_text(encoding="utf-8"):
+                    return f"{each}: it chooses a {path}, and this workflow has none; leave it out"
             return f"{path}: this workflow has none; these have: workflow={', '.join(elsewhere)}"
         known = _known_keys(path)
         if path.split(".")[-1] in known:

@@ -77,6 +77,8 @@ def test_refuses_before_anything_is_written(toy, arguments, told):
 def test_a_section_of_other_workflows_is_told_with_those(pamid):
     told = refusal(pamid, "workflow=discrepancy", "task=movements", "next_trials=3", "plan=true")
     assert "task: this workflow has none; these have: workflow=identification, identification_with" in told
+    told = refusal(pamid, "workflow=discrepancy", "budget=tiny", "plan=true")
+    assert "budget=tiny: it chooses a participant, and this workflow has none; leave it out" in told
     told = refusal(pamid, "measured=run.csv", "plan=true")
     assert "measured: this workflow has none; these have: workflow=discrepancy, identification_with_naming" in told
 
