@@ -151,7 +151,7 @@ def describe(
     sketch = sketch_residual(fitted, found.inputs, settings)
     sketched = measure_share(sketch.before, sketch.after, weights, level)
     drift = find_drift(fitted)
-    drifted = measure_share(drift.without, drift.left, weights, level)
+    drifted = measure_share(min(before, drift.without, key=np.sum), drift.left, weights, level)
     kept = patch.learned if patched and patch_share.low > 0.0 else None
     told = (found, share, sketch, sketched, drift, drifted)
     return Description(output, residual, floor, *told, settings.range_part, kept)
