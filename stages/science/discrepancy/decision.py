@@ -18,7 +18,6 @@ from stages.science.discrepancy.search import Search
 from stages.science.discrepancy.settings import DiscrepancySettings, SearchSettings
 from stages.science.output_channels.muscle_channels import QUANTISATION
 from stages.science.output_channels.output_channel import Counts
-from stages.science.plant.effect import FROM_START
 from stages.science.signals.trajectories import Array
 from stages.science.statistics.sign_flips import compare_signs, fewest_trials, least_p
 
@@ -148,8 +147,7 @@ def _drop(found: Search, fits: Sequence[Fitted], dropped: Sequence[Named]) -> li
 
 
 def _is_of_a_moment(named: Named, fits: Sequence[Fitted]) -> bool:
-    forms = (form for fitted in fits for form in fitted.forms if form.name == named.name)
-    return any(FROM_START in (each.name for each in form.parameters) for form in forms)
+    return any(form.begins_later for fitted in fits for form in fitted.forms if form.name == named.name)
 
 
 def _pool_left_out(found: Search, fits: Sequence[Fitted], named: Named) -> Array:

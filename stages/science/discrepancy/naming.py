@@ -168,14 +168,19 @@ class _Look:
     def choose_forms(self, name: str, probable: Sequence[str], likely: Collection[str]) -> list[str]:
         """Return the form of a name with the smallest gap in its channel, of those that are likely and fitted.
 
-        Of records all that are fitted count. Where there is none, it is the most probable.
+        Those that begin at a moment all count, as a static map beside one may undo what that says. Where there is none,
+        it is the most probable.
         """
         squares: dict[str, dict[str, float]] = {state.output.channel: {} for state in self.outputs}
         for channel, own in squares.items():
             both = zip(self.outputs, self.choices, strict=True)
             its = [(state, fits) for state, fits in both if state.output.channel == channel]
-            every = not any(state.output.jitters for state, _ in its)  # a map beside a form may undo what that says
-            known = [form for _, fits in its for each, form in fits if each == name and (every or form in likely)]
+            known = [
+                form
+                for _, fits in its
+                for (each, form), fitted in fits.items()
+                if each == name and (form in likely or fitted.forms[-1].begins_later)
+            ]
             for form in dict.fromkeys(known):
                 own[form] = sum(state.ratio(fits.get((name, form), state.current).raw) ** 2 for state, fits in its)
         channels = [squares[state.output.channel] for state in self.outputs]

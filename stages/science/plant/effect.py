@@ -106,6 +106,11 @@ class NamedEffect:
     instead_of: str = ""
     """Name of another effect that has the same cause: beside either, a search does not look for the other."""
 
+    @property
+    def begins_later(self) -> bool:
+        """Whether it begins at a moment of the session."""
+        return FROM_START in (each.name for each in self.parameters)
+
 
 @dataclass(frozen=True, kw_only=True)
 class ChainEffect(NamedEffect):

@@ -110,7 +110,7 @@ class ElementPlant(RecordPlant):
 
     def list_starts(self, effect: Any, records: Sequence[Signals], step_s: float, constants: Values) -> Tries:
         """Return where fits of an effect that begins at a moment of the session may begin: evenly along it."""
-        if FROM_START not in (each.name for each in effect.parameters):
+        if not effect.begins_later:
             return super().list_starts(effect, records, step_s, constants)
         paces = sum(len(each[self.output]) for each in records) * step_s / self.know("time_scale_s")
         first = effect.parameters[0]
