@@ -173,7 +173,7 @@ def find_parts(
         record = ledger.records.get(stage.name)
         if record is None or (anew and record["status"] == "done") or not (ledger.folder / "parts").is_dir():
             continue
-        then = {name: record[name] for name in ("config", "inputs", "code", "libraries")}
+        then = {name: record.get(name, {}) for name in ("config", "inputs", "code", "libraries")}
         earlier = replace(ingredients, **then, measured=bool(record.get("measured")))
         if earlier.parts_fingerprint != ingredients.parts_fingerprint:
             continue

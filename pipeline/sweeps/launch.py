@@ -93,7 +93,9 @@ class Launch:
     @property
     def ended(self) -> set[str]:
         """The jobs that ended in this launch."""
-        return {each.stem for each in (self.folder / OUTCOMES).glob("[!.]*.json")}
+        with suppress(OSError):
+            return {each.removesuffix(".json") for each in os.listdir(self.folder / OUTCOMES) if each[0] != "."}
+        return set()
 
     def forget(self, job: str) -> None:
         """Let a job be looked at again."""

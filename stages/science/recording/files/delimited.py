@@ -315,10 +315,13 @@ def _find_rows(columns: Sequence[_Column]) -> NDArray[np.int_]:
 
 
 def _counts_columns(rows: pd.DataFrame) -> bool:
-    """Return whether the first row numbers the columns, from 0 or 1 on: the only one of whole numbers alone."""
+    """Return whether the first row numbers the columns, from 0 or 1 on: the only one of whole numbers alone.
+
+    Of two columns, it may be where a cosine begins.
+    """
     whole = rows.apply(lambda column: column.str.fullmatch(r"\d+")).all(axis=1).to_numpy()
     told = [list(map(str, range(first, first + rows.shape[1]))) for first in (0, 1)]
-    return rows.shape[1] > 1 and len(rows) > 1 and not whole[1:].any() and rows.iloc[0].tolist() in told
+    return rows.shape[1] > 2 and len(rows) > 1 and not whole[1:].any() and rows.iloc[0].tolist() in told
 
 
 def _settle(column: _Column, fields: pd.Series) -> pd.Series:

@@ -28,7 +28,6 @@ def refusal(path):
         ("t;F\n0;1,5\n0,5;-2,25\n1;1000\n", ["t", "F"], {}),
         ("t\tF\n0,0\t1,5\n0,5\t-2,25\n1,0\t1e3\n", ["t", "F"], {}),
         ("t F\n0 1.5\n0.5 -2.25\n1 1000\n", ["t", "F"], {}),
-        ("0,1\n0,1.5\n0.5,-2.25\n1,1000.0\n", ["column_1", "column_2"], {}),
         ("  0.0   1.5\n  0.5  -2.25\n  1.0  1000\n", ["column_1", "column_2"], {}),
         ('"t","F"\n"0","1,5"\n"0,5","-2,25"\n"1","1000"\n', ["t", "F"], {}),
         ("t, F\n0, 1.5\n0.5, -2.25\n1, 1000\n", ["t", "F"], {}),
@@ -77,6 +76,15 @@ def test_a_loggers_file_is_read_and_what_is_left_out_is_said(tmp_path, text, lef
     frame = read_samples(path, ["t", "F"])
     np.testing.assert_array_equal(frame.astype(float).to_numpy()[:3].T, [TIMES, FORCES])
     assert len(frame) in (3, 12)
+
+
+def test_a_row_that_counts_the_columns_is_none_of_their_values(tmp_path):
+    path = tmp_path / "run.csv"
+    for first, rows in (("0,1,2", 3), ("1,2,3", 3), ("0,1,1", 4)):
+        path.write_text(f"{first}\n0,1.5,3.5\n0.5,-2.25,3.25\n1,1000.5,3.75\n")
+        assert (list(read_header(path).names), len(read_samples(path))) == ([f"column_{k}" for k in (1, 2, 3)], rows)
+    path.write_text("0,1\n0.01,0.99\n0.02,0.97\n")  # as a cosine begins
+    assert len(read_samples(path)) == 3
 
 
 def test_a_row_whose_first_cell_is_text_where_all_others_are_empty_heads_the_values(tmp_path):
